@@ -39,7 +39,7 @@ from uwserver.sensors import (
     SensorConfig,
     UsblConfig,
 )
-from uwserver.sensors.acoustic.interrogation import Beacon
+from uwserver.sensors.acoustic.positioning.interrogation import Beacon
 from uwserver.sensors.modem import Modem
 from uwserver.testing import FakeGeometry
 from uwserver.testing.fake_geometry import Plane

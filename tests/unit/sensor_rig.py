@@ -25,7 +25,7 @@ from uwserver.sensors import (
     SensorConfig,
     UsblConfig,
 )
-from uwserver.sensors.acoustic.interrogation import Beacon
+from uwserver.sensors.acoustic.positioning.interrogation import Beacon
 from uwserver.units import rad
 from uwserver.world import World
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from uwserver.sensors.acoustic.acoustic_modem import AcousticModemConfig
-from uwserver.sensors.acoustic.adcp import AdcpConfig
 from uwserver.sensors.acoustic.altimeter import AltimeterConfig
 from uwserver.sensors.acoustic.bathymetry import BathymetryConfig
-from uwserver.sensors.acoustic.dvl import DvlConfig
-from uwserver.sensors.acoustic.lbl import LblConfig
+from uwserver.sensors.acoustic.doppler.adcp import AdcpConfig
+from uwserver.sensors.acoustic.doppler.dvl import DvlConfig
 from uwserver.sensors.acoustic.multibeam import MultibeamConfig
+from uwserver.sensors.acoustic.positioning.lbl import LblConfig
+from uwserver.sensors.acoustic.positioning.usbl import UsblConfig
 from uwserver.sensors.acoustic.profiler import ProfilerConfig
 from uwserver.sensors.acoustic.scanning_sonar import ScanningSonarConfig
 from uwserver.sensors.acoustic.side_scan import SideScanConfig
-from uwserver.sensors.acoustic.usbl import UsblConfig
 from uwserver.sensors.base import IdealSensor, Pose, Scope, Sensor, SensorTable, Settings, StreamTable
 from uwserver.sensors.compound import CompoundConfig
 from uwserver.sensors.modem import ModemTable

@@ -36,7 +36,7 @@ from uwserver.sensors import (
     PressureConfig,
     UsblConfig,
 )
-from uwserver.sensors.acoustic.interrogation import Beacon
+from uwserver.sensors.acoustic.positioning.interrogation import Beacon
 from uwserver.step.streams import ENTRY
 
 RATE = 50.0

@@ -24,7 +24,7 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.files.convert import kinds_of
 from uwserver.scenario.load.scenario import load
 from uwserver.sensors import Pose, Scope, SensorConfig
-from uwserver.sensors.acoustic.interrogation import Beacon
+from uwserver.sensors.acoustic.positioning.interrogation import Beacon
 from uwserver.testing import FakeGeometry
 from uwserver.testing.fake_geometry import Plane
 from uwserver.testing.sensors import measured

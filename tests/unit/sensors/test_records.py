@@ -21,8 +21,8 @@ from uwserver.ports import Field, Value
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.sensors import BatteryConfig, DvlConfig, LblConfig, Pose, Scope, Sensor, Settings
-from uwserver.sensors.acoustic.dvl import DvlMemory, DvlSettings
-from uwserver.sensors.acoustic.interrogation import Beacon, Exchange
+from uwserver.sensors.acoustic.doppler.dvl import DvlMemory, DvlSettings
+from uwserver.sensors.acoustic.positioning.interrogation import Beacon, Exchange
 from uwserver.sensors.job import Begun
 from uwserver.sensors.onboard.battery import BatteryMemory
 from uwserver.world import World

@@ -7,16 +7,15 @@ from typing import Annotated, Literal
 
 from msgspec import UNSET, Meta, UnsetType, structs
 
-from uwserver.environment.acoustics.channel import Path
 from uwserver.environment.acoustics.noise import ambient_db, wind_of
 from uwserver.frames import Quat, Vec3
-from uwserver.sensors.acoustic.link import Link, LinkTable, stages_of
+from uwserver.sensors.acoustic.link import Link, LinkTable, ray, stages_of
 from uwserver.sensors.base import Pose, Scope, Traits
 from uwserver.sensors.modem import Crossing, Modem, ModemTable, Signal
 from uwserver.table import NonNegative, Positive, Probability
 
 _FASTEST = 1700.0
-"""m/s: no sea is as quick."""
+"""An upper limit of the sound speed in any sea, m/s."""
 
 _Level = Annotated[float, Meta(ge=-100, le=300)]
 """dB re 1 uPa, or 1 uPa^2/Hz."""
@@ -25,24 +24,24 @@ _Gain = Annotated[float, Meta(ge=-100, le=100)]
 
 
 class AcousticModemConfig(ModemTable, tag="acoustic_modem", kw_only=True, frozen=True):
-    """An acoustic modem, on the acoustic channel of USBL and LBL: sound along bent rays, by surface and bottom too.
+    """An acoustic modem. Its sound takes the same paths as that of USBL and LBL: along bent rays, and by way of surface and bottom.
 
     Attributes:
-        propagation, arrival, reflections: as of `usbl`; the receiver locks to the first of the arrivals that it notices, or to the strongest.
+        propagation, arrival, reflections: as in `usbl`; the receiver locks to the first or to the strongest arrival that it detects.
         frequency_hz, bandwidth_hz: middle and width of the band.
         source_level_db: dB re 1 uPa at 1 m.
-        noise_level_db: at the receiver, dB re 1 uPa^2/Hz; default: ambient noise by frequency, by the wind that made the scenario's waves, and
-            by `shipping`.
-        shipping: distant ships, 0 to 1.
-        self_noise_db: of its own vehicle, dB re 1 uPa^2/Hz, besides; default: none.
-        threshold_db: signal over noise in the band at which the receiver notices a packet.
-        modulation: how the rate of bit errors follows from the signal: "psk" (coherent), or "fsk" (non-coherent).
-        coding_gain_db: what its code is worth.
-        guard_s: arrivals that are later than the signal by no more add to it: a symbol's guard time, or what the equaliser reaches.
-        multipath_rejection_db: by which the others are weakened, as by spreading or hopping.
-        doppler_limit_mps: packets are lost of who comes nearer, or parts, faster than this; default: none are.
-        speed_sigma_mps: error of the relative speed that it measures by Doppler; default: it tells none.
-        fading_sigma_db, fading_time_s: slow normal variation of the level between two modems, the same both ways; so losses come in bursts.
+        noise_level_db: at the receiver, dB re 1 uPa^2/Hz; default: ambient noise for the frequency, the wind that made the scenario's waves, and
+            `shipping`.
+        shipping: amount of distant ships, 0 to 1.
+        self_noise_db: additional noise of its own vehicle, dB re 1 uPa^2/Hz; default: none.
+        threshold_db: signal over noise in the band from which on the receiver detects a packet.
+        modulation: gives the bit error rate for a signal: "psk" (coherent), or "fsk" (non-coherent).
+        coding_gain_db: gain of its error-correcting code.
+        guard_s: arrivals that are later than the signal by at most this add to it: guard time of a symbol, or length of the equaliser.
+        multipath_rejection_db: weakening of later arrivals, for instance by spreading or hopping.
+        doppler_limit_mps: packets from a modem that approaches or departs faster than this are lost; default: none are.
+        speed_sigma_mps: error of the relative speed that it measures by Doppler; default: it gives none.
+        fading_sigma_db, fading_time_s: slow normal variation of the level between two modems, the same both ways, so that losses come in bursts.
     """
 
     message = "AcousticPacket"
@@ -66,7 +65,7 @@ class AcousticModemConfig(ModemTable, tag="acoustic_modem", kw_only=True, frozen
     fading_time_s: Positive = 5.0
 
     def traits(self) -> Traits:
-        """Its address, and the rays that its sound takes in layered water."""
+        """Return its address, and the stages of compiled code that its sound needs."""
         return structs.replace(super().traits(), stages=stages_of(self.propagation))
 
     def build(self, mount: Pose) -> AcousticModem:
@@ -74,7 +73,7 @@ class AcousticModemConfig(ModemTable, tag="acoustic_modem", kw_only=True, frozen
 
 
 class AcousticModem(Modem):
-    """Powers are those in the band, uPa^2."""
+    """Implements `Modem` for sound. All powers are those in the band, uPa^2."""
 
     speed = _FASTEST
 
@@ -103,12 +102,12 @@ class AcousticModem(Modem):
         return 0.5 * math.sqrt(1500.0 / self._config.frequency_hz * distance)
 
     def signal(self, q_NS: Quat) -> Signal:
-        """See `Modem`; it goes to all sides."""
+        """See `Modem`; the same in all directions."""
         c = self._config
         return Signal(c.protocol, c.frequency_hz, c.bandwidth_hz, c.source_level_db + self.settings.gain)
 
     def overlap(self, signal: Signal) -> float:
-        """See `Modem`: its spectrum is flat in its band."""
+        """See `Modem`: the spectrum is flat in the band."""
         c = self._config
         half, other = 0.5 * c.bandwidth_hz, 0.5 * signal.bandwidth
         low, high = (
@@ -118,9 +117,9 @@ class AcousticModem(Modem):
         return max(0.0, high - low) / signal.bandwidth
 
     def crossing(self, scope: Scope, signal: Signal, a: Vec3, b: Vec3, q_NS: Quat, gain: float) -> Crossing | None:
-        """See `Modem`. What cannot be noticed at all may still disturb: so it has a time and a level too."""
+        """See `Modem`. A signal too weak to be detected has a time and a level too, as it may still disturb another one."""
         c = self._config
-        # From the receiver to the sender, as then `dip_a` is the angle at which it comes in; the sea is the same from both ends.
+        # Paths from the receiver to the sender, which are also those back: so `dip_a` is the angle at the receiver.
         paths = self._link.paths(scope, b, a)
         if not paths:
             return None
@@ -133,14 +132,16 @@ class AcousticModem(Modem):
         useful = math.fsum(p for p, is_near in zip(power, near, strict=True) if is_near)
         late = math.fsum(p for p, is_near in zip(power, near, strict=True) if not is_near)
         if useful <= 0.0:
-            return None  # so weak that no number is left of it
+            return None  # so weak that the power is rounded to 0
+        # At a, a ray leaves opposite to the direction from which the ray from b to a arrives.
+        x, y, z = ray(a, b, main.dip_b)
         rejected = late * 10.0 ** (-0.1 * c.multipath_rejection_db)
         return Crossing(
-            main.time, useful, noise, rejected, 10.0 * math.log10(useful), _towards(a, b, main), _leaves(a, b, main)
+            main.time, useful, noise, rejected, 10.0 * math.log10(useful), ray(b, a, main.dip_a), (-x, -y, -z)
         )
 
     def noise(self, scope: Scope) -> float:
-        """Of the sea and its own vehicle in the band, uPa^2."""
+        """Return the noise of the sea and of its own vehicle in the band, uPa^2."""
         c = self._config
         if isinstance(c.noise_level_db, float):
             sea = c.noise_level_db
@@ -155,7 +156,7 @@ class AcousticModem(Modem):
         return bool(snr >= 10.0 ** (0.1 * self._config.threshold_db))
 
     def error_rate(self, snr: float, size: int) -> float:
-        """See `Modem`: independent bit errors, and one spoils the packet (Proakis, Digital Communications, 4th ed. 2001, section 5.2)."""
+        """See `Modem`: bit errors are independent, and one of them spoils the packet (Proakis, Digital Communications, 4th ed. 2001, section 5.2)."""
         c = self._config
         per_bit = snr * c.bandwidth_hz / c.bits_per_s * 10.0 ** (0.1 * c.coding_gain_db)
         if c.modulation == "fsk":
@@ -184,20 +185,3 @@ class AcousticModem(Modem):
     def fading(self) -> tuple[float, float]:
         """See `Modem`."""
         return self._config.fading_sigma_db, self._config.fading_time_s
-
-
-def _towards(a: Vec3, b: Vec3, path: Path) -> Vec3:
-    """Unit vector (N) at b towards where a ray from a comes from: its dip is that of the ray from b."""
-    return _ray(b, a, path.dip_a)
-
-
-def _leaves(a: Vec3, b: Vec3, path: Path) -> Vec3:
-    """Unit vector (N) at a along which a ray leaves for b: against the ray from b, where that ends."""
-    x, y, z = _ray(b, a, path.dip_b)
-    return -x, -y, -z
-
-
-def _ray(a: Vec3, b: Vec3, dip: float) -> Vec3:
-    heading = math.atan2(b[1] - a[1], b[0] - a[0])
-    flat = math.cos(dip)
-    return flat * math.cos(heading), flat * math.sin(heading), math.sin(dip)

@@ -1,4 +1,4 @@
-"""Echosounder altimeter: the first echo in a cone, how sure it is, and what it hears when it hears wrong."""
+"""Echosounder altimeter: the range of the first echo in a cone, the confidence in it, and wrong echoes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,15 @@ from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.physics.kernel.random import SAMPLE, normals, uniforms
 from uwserver.physics.rays.raycast import NOTHING
 from uwserver.ports import Argument, BeamView, Field
-from uwserver.sensors.acoustic.echo import MU_SEDIMENT
+from uwserver.sensors.acoustic.echo import (
+    MU_SEDIMENT,
+    SOUND_SPEED_ARGUMENT,
+    check_range,
+    fill_row,
+    lay_ray,
+    or_truth,
+    pings,
+)
 from uwserver.sensors.bank import (
     MISSING,
     Bank,
@@ -39,33 +47,35 @@ from uwserver.table import NonNegative, Positive, Probability
 from uwserver.units import rad
 
 MOST_HEARD = 4
-"""Bodies in the cone that are told apart in one ping; of more the nearest."""
+"""Largest number of bodies that one ping tells apart; the nearest ones."""
 THRESHOLD_DB = 6.0
-"""Signal over noise at which half of the echoes are found."""
+"""Signal over noise at which half of the echoes are detected."""
 SLOPE_DB = 1.5
-"""How fast the chance of detection grows about the threshold: logistic."""
+"""Scale of the logistic function by which the probability of detection grows around the threshold."""
 SURE_DB = 20.0
-"""So far above the threshold the device is sure."""
+"""The confidence is 1 this far above the threshold."""
 BEYOND = 1.2
-"""Rays look so much farther than the device: a bottom at its largest range fills the cone."""
+"""Rays reach so many times farther than the device, so that a bottom at its largest range fills the cone."""
 
 
 class AltimeterConfig(SensorTable, tag="altimeter", kw_only=True, frozen=True):
-    """An echosounder with one conical beam along the sensor's z. `rate_hz` at most: a ping waits until the last one is over.
+    """An echosounder with one conical beam along the sensor's z.
+
+    `rate_hz` is an upper limit: a ping waits until the last one is over.
 
     Attributes:
         ideal: the exact distance of the nearest point in the cone.
         frequency_hz: of the sound; absorption depends on it.
-        beam_width_deg: of the whole cone.
-        rings: of rays about the axis; ring k has 6 k rays.
-        min_range_m: blanking: nearer echoes are not heard, but their multiples may be.
-        max_range_m: the strength of the echo is such that half of the pings find sediment there.
-        range_m: how far it listens at the start, default the largest; a shorter range pings faster.
+        beam_width_deg: full angle of the cone.
+        rings: number of rings of rays around the axis; ring k has 6 k rays.
+        min_range_m: blanking range; nearer echoes are not heard, but their multiples may be.
+        max_range_m: range at which half of the pings detect sediment.
+        range_m: how far it listens at the start, by default the largest range; with a shorter range it pings faster.
         range_sigma_m, range_sigma_relative: white error, fixed and as a part of the range.
-        assumed_sound_speed_mps: what the device believes; default: the truth.
-        multiple_loss_db: of each further trip between bottom and vehicle.
-        multiple_probability: the second echo is taken for the first.
-        processing_s: from the echo to the delivery.
+        assumed_sound_speed_mps: sound speed that the device believes; default: the true one.
+        multiple_loss_db: loss at each further trip between bottom and vehicle.
+        multiple_probability: probability that the second echo is taken for the first.
+        processing_s: time from the echo to the delivery.
     """
 
     message = "Range"
@@ -84,16 +94,14 @@ class AltimeterConfig(SensorTable, tag="altimeter", kw_only=True, frozen=True):
     processing_s: NonNegative = 0.0
 
     def __post_init__(self) -> None:
-        """ValueError where keys do not go together."""
+        """Raise ValueError if keys contradict each other."""
         if not self.min_range_m < self.max_range_m:
             raise ValueError("min_range_m must be less than max_range_m")
-        if self.range_m is not UNSET and not self.min_range_m <= self.range_m <= self.max_range_m:
-            raise ValueError(
-                f"range_m is {self.range_m:g}, the altimeter takes {self.min_range_m:g} to {self.max_range_m:g}"
-            )
+        if self.range_m is not UNSET:
+            check_range(self.range_m, self.min_range_m, self.max_range_m, "the altimeter")
 
     def traits(self) -> Traits:
-        """Its cone, and its fixed white error."""
+        """Return its stages of compiled code, its cone and its fixed white error."""
         cone = BeamView((0.0, 0.0, 1.0), rad(self.beam_width_deg), self.min_range_m, self.max_range_m)
         return Traits(("soundings",), beams=(cone,), sigmas={"range": (self.range_sigma_m,)})
 
@@ -102,7 +110,7 @@ class AltimeterConfig(SensorTable, tag="altimeter", kw_only=True, frozen=True):
 
 
 class AltimeterSettings(Settings, frozen=True):
-    """See `AltimeterConfig`; `sound_speed` 0 stands for the truth; a `gain` below 0 dB needs stronger echoes."""
+    """See `AltimeterConfig`; `sound_speed` 0 stands for the true one; with a `gain` below 0 dB echoes must be stronger."""
 
     range: Distance
     gain: Gain
@@ -120,7 +128,7 @@ _RECORD = record(
     [
         ("half", "f8"), ("rings", "i8"), ("frequency", "f8"), ("low", "f8"), ("high", "f8"), ("reach", "f8"), ("gain", "f8"),
         ("sigma", "f8"), ("relative", "f8"), ("sound_speed", "f8"), ("loss", "f8"), ("multiples", "f8"), ("processing", "f8"),
-        # Bodies that this ping hears: how many, which, how far, and how far above the threshold.
+        # Bodies that this ping hears: number, row of each, distance (m), and level above the threshold (dB).
         ("heard", "i8"), ("body", "i8", (MOST_HEARD,)), ("distance", "f8", (MOST_HEARD,)), ("excess", "f8", (MOST_HEARD,)),
     ],
     [("ready", "f8")],
@@ -129,11 +137,11 @@ _RECORD = record(
 
 @compiled
 def cone(half: float, rings: int, k: int, j: int) -> Vec3:
-    """Ray j of ring k about z, of rays spread evenly over a cone of this half angle (rad); ring 0 is the axis, ring k has 6 k rays."""
+    """Return ray j of ring k around z. The rays fill a cone of this half angle (rad) evenly: ring 0 is the axis, ring k has 6 k rays."""
     if k == 0:
         return 0.0, 0.0, 1.0
     angle = half * k / rings
-    # Each ring is turned against the last, so that no plane holds more rays than others.
+    # Every other ring is turned by half a step, so that no plane holds more rays than others.
     azimuth = 2.0 * math.pi * (j + 0.5 * (k % 2)) / (6 * k)
     return math.sin(angle) * math.cos(azimuth), math.sin(angle) * math.sin(azimuth), math.cos(angle)
 
@@ -142,26 +150,20 @@ def cone(half: float, rings: int, k: int, j: int) -> Vec3:
 def aim(
     head: Any, row: Any, now: Array, t: float, origin: Array, direction: Array, count: int
 ) -> tuple[int, float]:  # fmt: skip
-    """The rays of the cone; none while the last ping is not over, or in the air."""
-    if t < row.m.ready - 1e-6:
-        head.ready = 0
+    """Lay the rays of the cone if the device pings."""
+    if not pings(head, row, now, t):
         return count, 0.0
     p, q = p_NS(head, now), q_NS(head, now)
-    if submergence(now, p, t) > 0.0:
-        for ring in range(row.rings + 1):
-            for j in range(max(1, 6 * ring)):
-                origin[count, 0], origin[count, 1], origin[count, 2] = p
-                direction[count, 0], direction[count, 1], direction[count, 2] = rotate(
-                    q, cone(row.half, row.rings, ring, j)
-                )
-                count += 1
-        return count, BEYOND * row.reach
-    return count, 0.0
+    for ring in range(row.rings + 1):
+        for j in range(max(1, 6 * ring)):
+            lay_ray(p, rotate(q, cone(row.half, row.rings, ring, j)), count, origin, direction)
+            count += 1
+    return count, BEYOND * row.reach
 
 
 @compiled
-def _note(row: Any, body: int, distance: float, excess: float) -> None:
-    """Keep a body among those that are heard, of too many the nearest."""
+def _keep_body(row: Any, body: int, distance: float, excess: float) -> None:
+    """Add a body to those that are heard; if there is no room, it replaces the farthest one, unless it is farther itself."""
     k = row.heard
     if k == MOST_HEARD:
         k = 0
@@ -175,9 +177,11 @@ def _note(row: Any, body: int, distance: float, excess: float) -> None:
 
 
 @compiled
-def _power(head: Any, row: Any, now: Array, loss: float, direction: Array, k: int, hits: Any) -> float:
-    """Signal over noise that a ray brings: an extended bottom loses 20 lg r + 2 alpha r; sediment that fills the cone at the largest range is
-    just heard."""
+def _power(row: Any, now: Array, loss: float, direction: Array, k: int, hits: Any) -> float:
+    """Return signal over noise (a ratio) of the echo of ray k; `loss`: absorption both ways, bel/m.
+
+    The echo of an extended bottom loses 20 lg r + 2 alpha r. Sediment that fills the cone at the largest range is at the threshold.
+    """
     r = min(max(hits.distance[k], 1e-3), BEYOND * row.reach)
     rays = 1 + 3 * row.rings * (row.rings + 1)
     back = echo_of(now, direction[k], hits.normal[k], hits.body[k], hits.material[k])
@@ -187,12 +191,12 @@ def _power(head: Any, row: Any, now: Array, loss: float, direction: Array, k: in
 
 @compiled
 def _bodies(head: Any, row: Any, now: Array, t: float, direction: Array, begin: int, end: int, hits: Any) -> None:
-    """Find the bodies that this ping hears, how far the nearest ray finds each, and how far its echo stands above the threshold."""
+    """Find the bodies that this ping hears: the distance of each along its nearest ray (m), and its level above the threshold (dB)."""
     p = p_NS(head, now)
     height, limit = submergence(now, p, t), BEYOND * row.reach
     loss = 0.2 * sound_absorption(now, row.frequency, p[2])
     chance, _ = uniforms(head.key, head.number, SAMPLE, 0)
-    # A logistic about the threshold, so that weak echoes come and go.
+    # The threshold varies with a logistic distribution, so that weak echoes come and go.
     luck = math.log(max(chance, 1e-12) / max(1.0 - chance, 1e-12))
     threshold = THRESHOLD_DB - row.gain + SLOPE_DB * luck
     row.heard = 0
@@ -207,17 +211,19 @@ def _bodies(head: Any, row: Any, now: Array, t: float, direction: Array, begin: 
         power, nearest = 0.0, math.inf
         for i in range(k, end):
             if hits.body[i] == body:
-                power += _power(head, row, now, loss, direction, i, hits)
+                power += _power(row, now, loss, direction, i, hits)
                 nearest = min(nearest, hits.distance[i])
         excess = 10.0 * math.log10(max(power, 1e-30)) - threshold
         if head.exact != 0 or excess >= 0.0:
-            _note(row, body, nearest, excess)
+            _keep_body(row, body, nearest, excess)
 
 
 @compiled
 def _foot(head: Any, row: Any, now: Array, begin: int, end: int, n: int, hits: Any) -> Vec3:
-    """Direction in N of the nearest point of body n in the cone: the foot of the perpendicular on what its nearest ray hits, or the point at the
-    edge of the cone that comes closest to it."""
+    """Return the direction in N of the nearest point of body n in the cone.
+
+    That is the foot of the perpendicular on the plane that the nearest ray hits, or the point at the edge of the cone that is closest to it.
+    """
     ray = begin
     for i in range(begin, end):
         if hits.body[i] == row.body[n] and hits.distance[i] == row.distance[n]:
@@ -237,7 +243,7 @@ def _foot(head: Any, row: Any, now: Array, begin: int, end: int, n: int, hits: A
 def refine(
     heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
 ) -> float:  # fmt: skip
-    """One ray to the nearest point of each body that is heard. No sensor casts more of them than it cast before."""
+    """Lay one ray to the nearest point of each body that is heard. A sensor never has more of these rays than it had in its cone."""
     count, begin, reach = 0, first[0], 0.0
     for n, k in enumerate(due):
         end, head = first[n + 1], heads[k]
@@ -246,9 +252,7 @@ def refine(
             row, p = rows[head.row], p_NS(head, now)
             _bodies(head, row, now, t, direction, begin, end, hits)
             for i in range(row.heard):
-                toward = _foot(head, row, now, begin, end, i, hits)
-                origin[count, 0], origin[count, 1], origin[count, 2] = p
-                direction[count, 0], direction[count, 1], direction[count, 2] = toward
+                lay_ray(p, _foot(head, row, now, begin, end, i, hits), count, origin, direction)
                 count += 1
             reach = max(reach, BEYOND * row.reach)
         else:
@@ -260,7 +264,7 @@ def refine(
 
 @compiled
 def _nearest(head: Any, row: Any, now: Array, t: float, direction: Array, first: int, hits: Any) -> tuple[float, float]:
-    """Distance (m) of the nearest body that is heard, inf for none, and how far it stands above the threshold."""
+    """Return the distance of the nearest body that is heard, m (inf for none), and its level above the threshold, dB."""
     height, best, excess = submergence(now, p_NS(head, now), t), math.inf, 0.0
     for i in range(row.heard):
         meet_surface(height, direction, BEYOND * row.reach, first + i, hits)
@@ -274,12 +278,12 @@ def _nearest(head: Any, row: Any, now: Array, t: float, direction: Array, first:
 
 @compiled
 def _taken(head: Any, row: Any, reach: float, excess: float) -> tuple[float, float]:
-    """Range (m) of the echo that is taken for the first, inf for none, and how far it stands above the threshold."""
+    """Return the range of the echo that the device takes for the first one, m (inf for none), and its level above the threshold, dB."""
     if head.exact != 0:
         return (reach if row.low <= reach <= row.high else math.inf), SURE_DB
     _, wrong = uniforms(head.key, head.number, SAMPLE, 0)
     trips = 1
-    # Within the blanking the device is deaf: it takes the first multiple behind it.
+    # The device hears nothing within the blanking range: it takes the first multiple behind it.
     while reach > 0.0 and (trips * reach < row.low or (trips == 1 and wrong < row.multiples)):
         trips += 1
         excess -= row.loss + 20.0 * math.log10(trips / (trips - 1))
@@ -290,7 +294,7 @@ def _taken(head: Any, row: Any, reach: float, excess: float) -> tuple[float, flo
 def measure(
     head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
 ) -> None:  # fmt: skip
-    """The range of the nearest body that is heard."""
+    """Read the range of the nearest body that is heard."""
     c = water_property(now, SOUND_SPEED, p_NS(head, now)[2])
     wait = 2.0 * row.high / c
     row.m.ready = t + wait
@@ -308,7 +312,7 @@ def measure(
 
 
 class Altimeter(BankSensor):
-    """Range of the first echo and the confidence in it."""
+    """Gives the range of the first echo and the confidence in it."""
 
     doc = "Echosounder: range of the first echo in a cone along the sensor's z, and the confidence in it; invalid without echo."
     fields = (
@@ -326,14 +330,15 @@ class Altimeter(BankSensor):
         self.arguments = (
             Argument("range", "float", "how far it listens", "m", False, minimum=low, maximum=high),
             Argument("gain", "float", "sensitivity; a lower one needs stronger echoes", "dB", False, minimum=-60, maximum=0),
-            Argument("sound_speed", "float", "what the device believes; 0 for the truth", "m/s", False, minimum=0, maximum=2000),
+            SOUND_SPEED_ARGUMENT,
         )  # fmt: skip
-        speed = 0.0 if config.assumed_sound_speed_mps is UNSET else config.assumed_sound_speed_mps
-        super().__init__(mount, AltimeterSettings(high if config.range_m is UNSET else config.range_m, 0.0, speed))
+        reach = high if config.range_m is UNSET else config.range_m
+        super().__init__(mount, AltimeterSettings(reach, 0.0, or_truth(config.assumed_sound_speed_mps)))
 
     def fill(self, row: Any) -> None:
         c, s = self._config, self.settings
-        row["half"], row["rings"], row["frequency"] = rad(c.beam_width_deg) / 2.0, c.rings, c.frequency_hz
-        row["low"], row["high"], row["reach"], row["gain"] = c.min_range_m, s.range, c.max_range_m, s.gain
-        row["sigma"], row["relative"], row["sound_speed"] = c.range_sigma_m, c.range_sigma_relative, s.sound_speed
-        row["loss"], row["multiples"], row["processing"] = c.multiple_loss_db, c.multiple_probability, c.processing_s
+        fill_row(
+            row, half=rad(c.beam_width_deg) / 2.0, rings=c.rings, frequency=c.frequency_hz, low=c.min_range_m, high=s.range,
+            reach=c.max_range_m, gain=s.gain, sigma=c.range_sigma_m, relative=c.range_sigma_relative, sound_speed=s.sound_speed,
+            loss=c.multiple_loss_db, multiples=c.multiple_probability, processing=c.processing_s,
+        )  # fmt: skip

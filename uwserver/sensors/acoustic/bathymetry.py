@@ -1,9 +1,9 @@
-"""Bathymetric multibeam echosounder: a swath of narrow beams across the way, and the range of the bottom in each."""
+"""Bathymetric multibeam echosounder: a swath of narrow beams across the track, and the range of the bottom in each."""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
 
 import numpy as np
 from msgspec import Meta, structs
@@ -12,41 +12,47 @@ from uwserver.modifiers.base import Measurement
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import BeamView, Buffer, Field, Value
 from uwserver.ports.buffer import Layout
+from uwserver.sensors.acoustic.cross_talk import ping_arguments
 from uwserver.sensors.acoustic.imaging.array import Taper, difference, elements, pattern
 from uwserver.sensors.acoustic.imaging.soundings import HEARD, bands
-from uwserver.sensors.acoustic.imaging.swath import Plane, Swath, check_size, columns_of, cost
-from uwserver.sensors.acoustic.pinging import Instant, Lighting, PingingSonar, PingSettings, PingTable, fade_of
+from uwserver.sensors.acoustic.imaging.swath import Swath, check_size, columns_of, cost
+from uwserver.sensors.acoustic.pinging import (
+    Head,
+    Instant,
+    Lighting,
+    PingingSonar,
+    PingSettings,
+    PingTable,
+    fade_of,
+)
 from uwserver.sensors.acoustic.receiver import Echoes
-from uwserver.sensors.acoustic.sounding import Array, Soundings, blanked, listen, listen_apart, sound_out
+from uwserver.sensors.acoustic.sounding import Array, blanked, listen, sound_out
 from uwserver.sensors.base import Pose, Scope, Traits
-from uwserver.sensors.job import Job
 from uwserver.table import Positive
 from uwserver.units import rad
 
 _ONE_WAY = 1.39
-"""A two-way pattern of so much wider beams is that of one transmitter alone: along the way the receiver hears all that is lit."""
+"""The two-way pattern of beams wider by this factor is that of the transmitter alone, as along the track the receiver hears all that is lit."""
 _AXES: FloatArray = np.array(((0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)))
-"""The swath's x is down, its y starboard."""
-
-
+"""Axes of the swath in the sensor frame, as columns: its x is down, its y starboard."""
 _SHOWN = 15
-"""Beams of a swath that a picture of the world shows."""
+"""Number of beams that a picture of the world shows."""
 
 
 class BathymetryConfig(PingTable, tag="bathymetry", kw_only=True, frozen=True):
-    """A multibeam echosounder; x ahead, y starboard, z down: beams look down, and to both sides.
+    """A multibeam echosounder; x ahead, y starboard, z down. Its beams point down, and to both sides.
 
     Attributes:
-        beams: equal angles apart.
+        beams: number of beams, at equal angles.
         field_deg: angle that the beams cover.
-        beam_width_across_deg: of a receiving beam straight down, between half-power points; at an angle it is wider, as of any array.
+        beam_width_across_deg: of a receiving beam straight down, between half-power points; to the side it is wider, as with any array.
         beam_width_along_deg: of the transmitter.
-        receiver_height_deg: of the receiver along the way: how much noise it hears.
+        receiver_height_deg: width of the receiver's beams along the track; it decides how much noise they hear.
         taper: of the receiving array.
-        rays_along: of each column of rays.
-        threshold_db: above the noise, for an echo to count.
-        detection: of a range: the middle of the echo; or, where that is surer, where the phase between both halves of the array is zero, as in outer
-            beams. An `ideal` one has no phases.
+        rays_along: number of rays in each column.
+        threshold_db: level above the noise from which on an echo counts.
+        detection: how ranges are found: by the middle of the echo; or, where that is more precise, as in outer beams, by the place where the phase
+            between both halves of the array is zero. An `ideal` echosounder has no phases.
     """
 
     message = "Bathymetry"
@@ -65,20 +71,20 @@ class BathymetryConfig(PingTable, tag="bathymetry", kw_only=True, frozen=True):
     detection: Literal["amplitude", "phase"] = "phase"
 
     def __post_init__(self) -> None:
-        """ValueError where keys do not go together."""
+        """Raise ValueError if keys contradict each other."""
         super().__post_init__()
         columns = columns_of(rad(self.field_deg), rad(self.beam_width_across_deg))
         check_size(columns, self.rays_along, self.beams, "wider beams, a smaller field or fewer rays_along")
 
     @property
     def computing_s(self) -> float:
-        """About the processor time of a ping, s."""
+        """Return about the processor time of a ping, s."""
         columns = columns_of(rad(self.field_deg), rad(self.beam_width_across_deg))
         formed = self.beams * (1 if self.detection == "amplitude" or self.ideal else 2)
         return cost(columns, self.rays_along, formed, self.bins, HEARD)
 
     def traits(self) -> Traits:
-        """Some beams of its swath."""
+        """Return what all pinging sonars declare, and some beams of the swath."""
         half, last = 0.5 * rad(self.field_deg), _SHOWN - 1
         angles = (half * (2.0 * k / last - 1.0) for k in range(_SHOWN))
         width = rad(self.beam_width_across_deg)
@@ -89,56 +95,8 @@ class BathymetryConfig(PingTable, tag="bathymetry", kw_only=True, frozen=True):
         return Bathymetry(mount, self)
 
 
-class _Recording(NamedTuple):
-    """What a job knows besides the instant: keys, rays, beams, the directivity of a beam (ratio), and settings of the device: range (m) and
-    gain (dB)."""
-
-    config: BathymetryConfig
-    echoes: Echoes
-    array: Array
-    directivity: float
-    angle: Buffer
-    reach: float
-    gain: float
-
-
-class _Swath(Job):
-    """Ranges of a ping."""
-
-    def __init__(self, instant: Instant, recording: _Recording) -> None:
-        self._instant, self._recording = instant, recording
-
-    def run(self) -> tuple[Value, ...]:
-        """Angles, ranges, qualities, hits, levels and methods of the beams."""
-        config, reach = self._recording.config, self._recording.reach
-        found = self._found()
-        ranges = (found.place * (reach / config.bins)).astype(np.float32)
-        level = 10.0 * np.log10(np.maximum(found.level, 1e-30))
-        return (
-            self._recording.angle,
-            Buffer.of(ranges),
-            Buffer.of(found.quality.astype(np.float32)),
-            Buffer.of(np.minimum(found.hits, 0xFFFF).astype(np.uint16)),
-            Buffer.of(np.where(found.hits > 0, level, np.nan).astype(np.float32)),
-            Buffer.of(found.method),
-        )
-
-    def _found(self) -> Soundings:
-        instant, recording = self._instant, self._recording
-        energy = instant.energy(recording.echoes)
-        divided, noise, directivity, array = instant.ranges, instant.noise, recording.directivity, recording.array
-        if noise is None:
-            sound, apart = listen(energy, divided, None, directivity, array), None
-        else:
-            sound, apart = listen_apart(energy, divided, noise, directivity, array)
-        config, alpha = recording.config, instant.water.alpha
-        blanked(sound, config.min_range_m, recording.reach / config.bins)
-        threshold = config.threshold_db - recording.gain
-        return sound_out(sound, config.bins, instant.ranges, recording.directivity, alpha, threshold, apart=apart)
-
-
 class Bathymetry(PingingSonar):
-    """One range a beam."""
+    """Gives one range a beam."""
 
     doc = "Multibeam echosounder: range of the bottom in each beam of a swath across the way, from the pose at the start of the ping."
     takes_time = True
@@ -148,11 +106,13 @@ class Bathymetry(PingingSonar):
         width, along = rad(config.beam_width_across_deg), rad(config.beam_width_along_deg)
         swath = Swath(rad(config.field_deg), width, _ONE_WAY * along, config.beams, config.rays_along, config.taper)
         self._echoes = Echoes(swath, config.bins)
-        apart = _apart(config, swath) if config.detection == "phase" else None
+        apart = None
+        if config.detection == "phase":
+            apart = pattern(config.taper, elements(config.taper, width), swath.azimuth, swath.grid.azimuth, difference)
         self._array = Array(swath.pattern, swath.power, bands(swath.pattern), apart)
         self._directivity = max(4.0 * np.pi / (width * rad(config.receiver_height_deg)), 1.0)
         self._angle = Buffer.of(swath.azimuth.astype(np.float32))
-        one = Layout("float32", (config.beams,))
+        one, methods = Layout("float32", (config.beams,)), Layout("uint8", (config.beams,))
         self.fields = (
             Field("max_range", "m", "range at which the device stops listening"),
             Field("gain", "dB", "gain of this ping: below 0 an echo must be stronger to count"),
@@ -163,32 +123,28 @@ class Bathymetry(PingingSonar):
             Field("quality", "1", "of each range: 1 for an echo without noise, 0 for none", type="buffer", buffer=one),
             Field("hits", "1", "bins of each echo", type="buffer", buffer=Layout("uint16", (config.beams,))),
             Field("level", "dB", "of each echo, re 1 uPa; NaN without one", type="buffer", buffer=one),
-            Field(
-                "method",
-                "1",
-                "by which each range was found: 0 none, 1 amplitude, 2 phase",
-                type="buffer",
-                buffer=Layout("uint8", (config.beams,)),
-            ),
-        )
-        super().__init__(
-            mount,
-            config,
-            Lighting(swath, _AXES, min(width, along), fade_of(width, config.frequency_hz)),
-            PingSettings(config.range_m, 0.0),
-        )
+            Field("method", "1", "by which each range was found: 0 none, 1 amplitude, 2 phase", type="buffer", buffer=methods),
+        )  # fmt: skip
+        head = Head(config, Lighting(swath, _AXES, min(width, along), fade_of(width, config.frequency_hz)))
+        super().__init__(mount, {"": head}, ping_arguments(config), PingSettings(config.range_m, 0.0))
 
     def sense(self, scope: Scope) -> Measurement | None:
-        """A ping; None while the last one is not over."""
-        return self.ping(scope, 6, self._swath)
+        """Return a ping; None while the last one is not over."""
+        return self.ping(scope, 6, self._ranges, self.settings)
 
-    def _swath(self, instant: Instant) -> Job:
-        reach, gain = self.settings.range, self.settings.gain
-        recording = _Recording(self._config, self._echoes, self._array, self._directivity, self._angle, reach, gain)
-        return _Swath(instant, recording)
-
-
-def _apart(config: BathymetryConfig, swath: Swath) -> Plane:
-    """(beams, columns) of the difference of both halves of its array."""
-    count = elements(config.taper, rad(config.beam_width_across_deg))
-    return pattern(config.taper, count, swath.azimuth, swath.grid.azimuth, difference)
+    def _ranges(self, instant: Instant, settings: PingSettings) -> tuple[Value, ...]:
+        """Return angles, ranges, qualities, hits, levels and methods of the beams. Runs in another thread, so it uses only constants of self."""
+        config, directivity, divided = self._config, self._directivity, instant.ranges
+        sound, apart = listen(instant.energy(self._echoes), divided, instant.noise, directivity, self._array)
+        bin_m, threshold = settings.range / config.bins, config.threshold_db - settings.gain
+        blanked(sound, config.min_range_m, bin_m)
+        found = sound_out(sound, config.bins, divided, directivity, instant.water.alpha, threshold, apart=apart)
+        level = 10.0 * np.log10(np.maximum(found.level, 1e-30))
+        return (
+            self._angle,
+            Buffer.of((found.place * bin_m).astype(np.float32)),
+            Buffer.of(found.quality.astype(np.float32)),
+            Buffer.of(np.minimum(found.hits, 0xFFFF).astype(np.uint16)),
+            Buffer.of(np.where(found.hits > 0, level, np.nan).astype(np.float32)),
+            Buffer.of(found.method),
+        )

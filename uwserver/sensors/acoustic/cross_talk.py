@@ -1,9 +1,9 @@
-"""What sonars of one vehicle hear of each other.
+"""What all sonars have in common: their keys, how they sound to others, and what they hear of other sonars on their vehicle.
 
-A model: another sonar's pulse comes straight through the water, weaker than on its axis by what the listener's table says (both stand in each
-other's side lobes), and that part of it that lies in the listener's band is noise in the bins during which it lasts. When others ping is known
-from their pace at the start of the listener's ping: a setting that changes it meanwhile counts from the next ping on. Echoes of the other's
-pulse are not heard, nor is a pulse of the same shape compressed.
+Cross-talk is a model. The pulse of another sonar comes straight through the water. It is weaker than on the other's axis by what the listener's
+table says, as both stand in each other's side lobes. The part of the pulse that lies in the listener's band is noise in the bins during which it
+lasts. The times of the other's pings follow from its pace at the start of the listener's ping: if a setting changes the pace during that ping, the
+change counts from the next ping on. Echoes of the other's pulse are not heard, and a pulse of the same shape is not compressed.
 """
 
 from __future__ import annotations
@@ -11,107 +11,125 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Collection, Mapping
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Annotated, Any
 
 import numpy as np
-from msgspec import UNSET, UnsetType
+from msgspec import UNSET, Meta, UnsetType
 
 from uwserver.environment.column import SOUND_SPEED
 from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import Array, FloatArray, Records
 from uwserver.physics.kernel.deferred import compiled
+from uwserver.ports import Argument
+from uwserver.sensors.acoustic.echo import check_range, fill_row, or_truth
 from uwserver.sensors.acoustic.imaging.echoes import Gates
 from uwserver.sensors.bank import BankSensor, p_NB, q_NB, rotate, submergence, voices_of, water_property
-from uwserver.sensors.base import Scope, Sensor
+from uwserver.sensors.base import Scope, Sensor, SensorTable
 from uwserver.sensors.latest import Latest
 from uwserver.sensors.voices import MOST, NO_BURSTS, VOICE, find_bursts, find_bursts_at_once
+from uwserver.table import NonNegative, Positive
 
 
-class SonarTable(Protocol):
-    """Keys of a sonar: see `pinging.PingTable`."""
+class SonarTable(SensorTable, kw_only=True, frozen=True):
+    """The keys of every sonar. `rate_hz` is an upper limit: a ping waits until the last one is over.
 
-    @property
-    def ideal(self) -> bool:
-        """It has no errors of its own."""
+    Attributes:
+        ideal: mean level without speckle and noise, at the true sound speed.
+        frequency_hz, bandwidth_hz: of the sound; the bandwidth gives the resolution in range, which is never finer than a bin.
+        pulse_s: length of the pulse; a swept pulse longer than 1 / bandwidth is compressed, which lifts the echo by bandwidth times length.
+        bins: number of equal range bins in a ping.
+        range_m: range at the start; the service `set` changes it.
+        min_range_m, max_range_m: limits of the range.
+        source_level_db: dB re 1 uPa at 1 m.
+        noise_level_db: spectral level of the ambient noise, dB re 1 uPa^2/Hz.
+        cross_talk_db: level of the direct sound of other sonars on the vehicle whose bands overlap, relative to the level on their axis: -40 for two
+            side lobes of -20 dB (a model); without it they are not heard.
+        assumed_sound_speed_mps: sound speed that the device believes; default: the true one.
+        sees_own_vehicle: whether the shapes of its own vehicle are in its field of view; otherwise it looks through them, wherever it is mounted.
+        overhead_s: pause between the end of a ping and the next one.
+    """
 
-    @property
-    def assumed_sound_speed_mps(self) -> float | UnsetType:
-        """What it takes for the sound speed; default: the truth."""
+    ideal: bool = False
+    frequency_hz: Positive = 450e3
+    bandwidth_hz: Positive = 4e4
+    pulse_s: Positive = 4e-4
+    bins: Annotated[int, Meta(ge=8, le=4096)] = 1000
+    range_m: Positive = 50.0
+    min_range_m: Positive = 1.0
+    max_range_m: Positive = 100.0
+    source_level_db: float = 210.0
+    noise_level_db: float = 42.0
+    cross_talk_db: Annotated[float, Meta(ge=-200, le=0)] | UnsetType = UNSET
+    assumed_sound_speed_mps: Positive | UnsetType = UNSET
+    sees_own_vehicle: bool = False
+    overhead_s: NonNegative = 0.005
 
-    @property
-    def frequency_hz(self) -> float:
-        """Of its sound."""
+    def __post_init__(self) -> None:
+        """Raise ValueError if the range is outside its limits."""
+        check_range(self.range_m, self.min_range_m, self.max_range_m, "the sonar")
 
-    @property
-    def bandwidth_hz(self) -> float:
-        """Of its sound."""
 
-    @property
-    def source_level_db(self) -> float:
-        """dB re 1 uPa at 1 m."""
-
-    @property
-    def pulse_s(self) -> float:
-        """How long its pulse is."""
-
-    @property
-    def overhead_s(self) -> float:
-        """Between the end of a ping and the next one."""
+def ping_arguments(table: SonarTable) -> tuple[Argument, ...]:
+    """Return the arguments of the service ``set`` that all sonars have."""
+    low, high = table.min_range_m, table.max_range_m
+    return (
+        Argument("range", "float", "distance at the end of the last bin", "m", False, minimum=low, maximum=high),
+        Argument("gain", "float", "added to the level before compression", "dB", False, minimum=-60, maximum=60),
+    )
 
 
 def assumed_speed(table: SonarTable) -> float:
-    """What a device takes for the sound speed, m/s; 0 where it is the truth."""
-    assumed = table.assumed_sound_speed_mps
-    return 0.0 if isinstance(assumed, UnsetType) or table.ideal else assumed
+    """Return the sound speed that a device believes, m/s; 0 if it knows the true one."""
+    return 0.0 if table.ideal else or_truth(table.assumed_sound_speed_mps)
 
 
 def believed_speed(table: SonarTable, c: float) -> float:
-    """What a device believes where the sound speed is c, m/s."""
+    """Return the sound speed that a device believes where the true one is c, m/s."""
     return assumed_speed(table) or c
 
 
 def describe(voice: Any, key: int, table: SonarTable, p: Vec3, reach: float, ready: float, dt: float) -> None:
-    """Write into a VOICE how a sonar sounds that has these keys.
+    """Write into a VOICE how a sonar with these keys sounds.
 
     Args:
         voice: the record.
-        key: of its random numbers.
+        key: of the sonar's random numbers.
         table: of the sonar.
-        p: of its transducer in B, m.
+        p: position of its transducer in B, m.
         reach: its range, m.
-        ready: when it may ping next, s.
-        dt: between two times at which it may, s.
+        ready: time from which it may ping next, s.
+        dt: interval at which it may ping, s.
     """
-    voice["key"], voice["p"], voice["range"], voice["ready"], voice["dt"] = key, p, reach, ready, dt
-    voice["frequency"], voice["bandwidth"] = table.frequency_hz, table.bandwidth_hz
-    voice["level"], voice["length"], voice["overhead"] = table.source_level_db, table.pulse_s, table.overhead_s
-    voice["speed"] = assumed_speed(table)
+    fill_row(
+        voice, key=key, p=p, range=reach, ready=ready, dt=dt, frequency=table.frequency_hz, bandwidth=table.bandwidth_hz,
+        level=table.source_level_db, length=table.pulse_s, overhead=table.overhead_s, speed=assumed_speed(table),
+    )  # fmt: skip
 
 
 Nearby = Mapping[str, Latest]
-"""Sensors of the vehicle by name, the listener among them."""
+"""The sensors of a vehicle by name, the listener among them."""
 
 
 class Sonar(Sensor):
-    """A sensor that pings, which others hear, and that may hear them."""
+    """A sensor that pings. Other sonars may hear it, and it may hear them."""
 
     _nearby: Nearby = MappingProxyType({})
 
     @property
     def needs(self) -> Collection[str]:
-        """The others that ping."""
+        """Return the names of the sonars on its vehicle."""
         return [name for name, other in self._nearby.items() if isinstance(other.sensor, Sonar)]
 
     def join(self, others: Nearby) -> None:
-        """These it hears."""
+        """Keep the sensors of its vehicle, to hear the sonars among them."""
         self._nearby = others
 
     @abstractmethod
     def speak(self, voice: Any) -> None:
-        """Write how it sounds now into a VOICE, but for the body that carries it and whether it works."""
+        """Write into a VOICE how the sonar sounds now: all fields except the body that carries it and whether it works."""
 
     def voices(self) -> Records:
-        """(n) of VOICE: its own, and those of the others that work."""
+        """Return the VOICEs (n) of this sonar and of the others on its vehicle that work."""
         others = [other for other in self._nearby.values() if other.sensor is not self and other.works]
         heard = [other.sensor for other in others if isinstance(other.sensor, Sonar)]
         found: Records = np.zeros(1 + len(heard), VOICE)
@@ -121,16 +139,13 @@ class Sonar(Sensor):
         return found
 
     def overhear(self, scope: Scope, gates: Gates, c: float, relative_db: float | UnsetType) -> FloatArray:
-        """What is heard of the others in a ping that begins now.
+        """Return what this sonar hears of the others in a ping that begins now: bursts (n, 4) of `voices`.
 
         Args:
-            scope: of its start.
+            scope: the instant at which the ping begins.
             gates: of the ping.
             c: sound speed, m/s.
-            relative_db: level of another sonar's sound beside that of its axis; without it they are not heard.
-
-        Returns:
-            Bursts (n, 4) of `voices`.
+            relative_db: level of another sonar's sound relative to its axis; if unset, the others are not heard.
         """
         if relative_db is UNSET:
             return NO_BURSTS
@@ -143,7 +158,7 @@ class Sonar(Sensor):
 
 
 class BankSonar(Sonar, BankSensor):
-    """A sonar whose readings compiled code makes; its record has `reach`, `speed` (of VOICE), and the memory `ready`.
+    """A sonar whose readings compiled code makes. Its record has `reach` and `speed` (as in VOICE), and its memory has `ready`.
 
     Attributes:
         table: its keys.
@@ -152,27 +167,27 @@ class BankSonar(Sonar, BankSensor):
     table: SonarTable
 
     def speak(self, voice: Any) -> None:
-        """As `Sonar.speak`."""
+        """Write into a VOICE how the sonar sounds now, as `Sonar.speak`."""
         row, p = self.rows.rows[self.row], self.heads.rows["p"][self.head]
         describe(voice, self.key or 0, self.table, p, row["reach"], row["m"]["ready"], self.dt)
 
 
 @compiled
 def sound_speed(head: Any, row: Any, now: Array, z: float) -> tuple[float, float]:
-    """At a depth (m), m/s: the true one, and what the device believes."""
+    """Return the true sound speed at a depth z (m), and the one that the device believes, m/s."""
     c = water_property(now, SOUND_SPEED, z)
     return c, c if head.exact != 0 or row.speed == 0.0 else row.speed
 
 
 @compiled
 def overheard(head: Any, now: Array, t: float, c: float, relative: float, gates: Any) -> Array:
-    """What a sonar in compiled code hears of the others of its vehicle in a ping that begins now: bursts (n, 4) of `voices`.
+    """Return what a sonar in compiled code hears of the others on its vehicle in a ping that begins now: bursts (n, 4) of `voices`.
 
     Args:
         head: of the sonar.
-        now: what it sees.
+        now: its surroundings.
         t: s.
-        c, relative: as of `Sonar.overhear`.
+        c, relative: as in `Sonar.overhear`.
         gates: of the ping.
     """
     voices, mine, count = voices_of(now), head.voice, 0
@@ -190,6 +205,6 @@ def overheard(head: Any, now: Array, t: float, c: float, relative: float, gates:
 
 @compiled
 def tell_pace(head: Any, now: Array, ready: float) -> None:
-    """Say when a sonar in compiled code may ping next (s); its shadow says nothing."""
+    """Write the time (s) from which a sonar in compiled code may ping next into its VOICE. Its twin without errors writes nothing."""
     if head.shadow == 0:
         voices_of(now)[head.voice].ready = ready

@@ -1,72 +1,67 @@
-"""What echo sounders of every kind share: rays against solids and the sea surface, backscatter, and the level of an echo.
-
-The sea surface is a function, not a mesh: seen from below it reflects like a very rough bottom.
-"""
+"""What sensors that send sound share: when they may ping, how they lay rays, and the bottom for which their range is given."""
 
 from __future__ import annotations
 
-from functools import cache
-from types import ModuleType
+from typing import Any
 
-import numpy as np
+from msgspec import UnsetType
 
-from uwserver.environment.materials import SEDIMENT_DB, SURFACE_DB
+from uwserver.environment.materials import SEDIMENT_DB
 from uwserver.frames import Vec3
-from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.physics.rays.raycast import SURFACE, Geometry, Hits
-from uwserver.sensors.base import Scope
+from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.deferred import compiled
+from uwserver.ports import Argument
+from uwserver.sensors.bank import p_NS, submergence
 
-MU_SURFACE = 10.0 ** (0.1 * SURFACE_DB)
 MU_SEDIMENT = 10.0 ** (0.1 * SEDIMENT_DB)
+"""Lambert's parameter of sediment, linear. The largest range of a device is the one at which it just detects a bottom of sediment."""
+SOUND_SPEED_ARGUMENT = Argument(
+    "sound_speed", "float", "sound speed that the device believes; 0 for the true one", "m/s", False, minimum=0, maximum=2000
+)  # fmt: skip
+"""Argument of the service ``set``."""
 
 
-@cache
-def kernels() -> tuple[ModuleType, ModuleType]:
-    """`echoes` and `hits` of physics. Imported when they are needed, as numba takes half a second."""
-    from uwserver.physics.rays import echoes, hits
-
-    return echoes, hits
+def or_truth(assumed_sound_speed_mps: float | UnsetType) -> float:
+    """Return the sound speed of a table, m/s; 0, which stands for the true one, if the table gives none."""
+    return 0.0 if isinstance(assumed_sound_speed_mps, UnsetType) else assumed_sound_speed_mps
 
 
-def load_kernels() -> None:
-    """Load them, or compile them, now rather than in the first reading."""
-    from uwserver.physics.warm import echo_kernels
+def check_range(range_m: float, low: float, high: float, what: str) -> None:
+    """Raise ValueError if `what` (a device, or one of its modes) with these limits (m) does not allow a range."""
+    if low > high:
+        raise ValueError(f"min_range_m is {low:g} and max_range_m {high:g}: {what} takes no range")
+    if not low <= range_m <= high:
+        raise ValueError(f"range_m is {range_m:g}, {what} takes {low:g} to {high:g}")
 
-    echo_kernels()
+
+def fill_row(row: Any, **values: Any) -> None:
+    """Write values into the record of a sensor, by the names of its fields."""
+    for name, value in values.items():
+        row[name] = value
 
 
-def cast_from(geometry: Geometry, origin: Vec3, height: float, direction: FloatArray, max_range: float) -> Hits:
-    """The first solid or piece of sea surface that each ray meets, from a point under water.
-
-    The surface is taken as level.
+@compiled
+def is_busy(head: Any, row: Any, t: float) -> bool:
+    """Return whether the last ping is not over at time t (s). The sensor then gives no reading.
 
     Args:
-        geometry: solid things at the instant.
-        origin: in N, m.
-        height: of the surface above the origin, m.
-        direction: (n, 3) unit, in N.
-        max_range: m; farther things are not seen.
+        head: of the sensor, a row of `bank.HEAD`.
+        row: its record, whose memory has `ready`, the time (s) from which it may ping again.
     """
-    origins = np.empty(direction.shape)
-    origins[:] = origin
-    found = geometry.raycast(origins, direction, max_range)
-    kernels()[1].intersect_level(height, direction, max_range, SURFACE, *found)
-    return found
+    if t < row.m.ready - 1e-6:
+        head.ready = 0
+        return True
+    return False
 
 
-class Absorption:
-    """Absorption of sound of one frequency, dB/m, by metres of depth: it changes so little that an instrument asks once a metre.
+@compiled
+def pings(head: Any, row: Any, now: Array, t: float) -> bool:
+    """Return whether a sensor pings at time t (s): the last ping is over, and the sensor is under water. Arguments as of `is_busy`."""
+    return bool(not is_busy(head, row, t) and submergence(now, p_NS(head, now), t) > 0.0)
 
-    Only for one world, whose water it remembers.
-    """
 
-    def __init__(self, frequency_Hz: float) -> None:
-        self._frequency = frequency_Hz
-        self._known: dict[int, float] = {}
-
-    def at(self, scope: Scope, z: float) -> float:
-        """dB/m at a depth z (m)."""
-        depth = round(z)
-        if depth not in self._known:
-            self._known[depth] = scope.water.absorption(self._frequency, float(depth))
-        return self._known[depth]
+@compiled
+def lay_ray(p: Vec3, toward: Vec3, k: int, origin: Array, direction: Array) -> None:
+    """Make ray k start at p (m, N) and point along the unit vector `toward` (N). `origin`, `direction`: (n, 3) of all rays."""
+    origin[k, 0], origin[k, 1], origin[k, 2] = p
+    direction[k, 0], direction[k, 1], direction[k, 2] = toward

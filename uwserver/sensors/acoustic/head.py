@@ -1,4 +1,4 @@
-"""The head of a sonar that turns in steps: about the sensor's z, from x towards y, to and fro in a sector or on and on."""
+"""The head of a sonar that turns in steps around the sensor's z, from x towards y: to and fro in a sector, or continuously."""
 
 from __future__ import annotations
 
@@ -12,32 +12,41 @@ from uwserver.frames import Quat
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Argument
+from uwserver.sensors.acoustic.pinging import PingMemory, PingSettings
 from uwserver.sensors.bank import rotate
-
-Step = Annotated[float, Meta(ge=1e-6, le=1)]
-SectorCenter = Annotated[float, Meta(ge=-1e6, le=1e6)]
-SectorWidth = Annotated[float, Meta(ge=0, le=7)]
-"""Settings, rad."""
-Index = Annotated[int, Meta(ge=0)]
-Sense = Literal[-1, 1]
-"""What is remembered: the number of the step, and whether the head turns back (-1) or on (1)."""
-
 
 _WHOLE = 2.0 * math.pi
 
 
+class HeadSettings(PingSettings, frozen=True):
+    """Settings of a sonar with a head; angles in rad."""
+
+    step: Annotated[float, Meta(ge=1e-6, le=1)]
+    sector_center: Annotated[float, Meta(ge=-1e6, le=1e6)]
+    sector_width: Annotated[float, Meta(ge=0, le=7)]
+
+
+class HeadMemory(PingMemory):
+    """Attributes:
+    index: step of the head, from 0.
+    sense: whether the head turns back (-1) or on (1)."""
+
+    index: Annotated[int, Meta(ge=0)] = 0
+    sense: Literal[-1, 1] = 1
+
+
 @compiled
 def step_on(step: float, center: float, width: float, index: int, sense: int) -> tuple[float, int, int]:
-    """A head moves on to its next ping.
+    """Turn a head to its next ping.
 
     Args:
-        step: from ping to ping, rad.
+        step: angle from ping to ping, rad.
         center: middle of the sector, rad.
-        width: of it, rad: 2 pi for continuous rotation, 0 for a head that stands still.
-        index, sense: as remembered.
+        width: of the sector, rad; 2 pi for continuous rotation, 0 for a head that stands still.
+        index, sense: memory of the head.
 
     Returns:
-        Angle of this ping (rad, -pi to pi), and what is remembered for the next one.
+        Angle of this ping (rad, -pi to pi), and index and sense for the next one.
     """
     whole = width > _WHOLE - 1e-9
     count = max(1, int(np.rint(width / step)) + (0 if whole else 1))
@@ -54,7 +63,7 @@ def step_on(step: float, center: float, width: float, index: int, sense: int) ->
 
 @compiled
 def axes(q: Quat, angle: float, R: Array) -> None:
-    """Axes of a head at an angle (rad), in the frame to which q leads from that of the sensor: the columns of R (3, 3)."""
+    """Write the axes of a head at an angle (rad) into the columns of R (3, 3), in the frame to which q rotates from the sensor frame."""
     c, s = math.cos(angle), math.sin(angle)
     R[0, 0], R[1, 0], R[2, 0] = rotate(q, (c, s, 0.0))
     R[0, 1], R[1, 1], R[2, 1] = rotate(q, (-s, c, 0.0))
@@ -62,7 +71,7 @@ def axes(q: Quat, angle: float, R: Array) -> None:
 
 
 def head_arguments(least_width: float) -> tuple[Argument, ...]:
-    """Of the service ``set``; `least_width` of the sector, rad."""
+    """Return the arguments of the service ``set`` for a head; `least_width`: of the sector, rad."""
     pi, whole = math.pi, 2.0 * math.pi + 1e-9
     return (
         Argument("step", "float", "angle from ping to ping", "rad", False, minimum=1e-3, maximum=0.6),

@@ -1,4 +1,4 @@
-"""The water between an acoustic device and its beacon: by which way sound gets across, and how strong it is then."""
+"""The water between an acoustic device and its beacon: the paths of sound, and its level at the receiver."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from uwserver.table import Positive
 
 _DEEPEST_M = 12_000.0
 _ASIDE = (0.25, 0.5, 0.75)
-"""Where along the way the bottom is looked for: neither below the device's own vehicle, nor below the beacon's."""
+"""Where along the way the bottom is probed: neither below the device's own vehicle nor below the beacon's."""
 _FOUND = 2
-"""Of these it must be found, so that one thing that swims below is no bottom."""
+"""So many probes must find a bottom, so that a single thing that swims below does not count as one."""
 
 
 class LinkTable(SensorTable, kw_only=True, frozen=True):
-    """The sound of a device, and the water's part in it.
+    """The keys of an acoustic signal, and of its way through the water.
 
     Attributes:
         ideal: exact ranges of all beacons that sound reaches.
-        propagation: along straight lines at the mean slowness, or along the rays that lead through the layers of the water, that turn in them, and
-            that surface and bottom reflect; where none leads there is no answer.
-        arrival: which of these the receivers take of those above their threshold.
-        reflections: at surface and bottom, of a ray that is followed, at most.
+        propagation: along straight lines at the mean slowness; or along rays through the layers of the water, which bend in them and are reflected
+            by surface and bottom; without a ray there is no answer.
+        arrival: which of the rays above their threshold the receivers take.
+        reflections: largest number of reflections at surface and bottom of a ray.
         frequency_hz, bandwidth_hz: of the signal.
         source_level_db: of both sides, dB re 1 uPa at 1 m.
-        noise_level_db: dB re 1 uPa^2/Hz at the receiver.
-        threshold_db: signal over noise that is needed.
+        noise_level_db: at the receiver, dB re 1 uPa^2/Hz.
+        threshold_db: signal over noise from which on a signal is detected.
     """
 
     ideal: bool = False
@@ -49,23 +49,23 @@ class LinkTable(SensorTable, kw_only=True, frozen=True):
 
 
 def stages_of(propagation: str) -> tuple[str, ...]:
-    """The compiled code that rays through layers need, as of `Traits`."""
+    """Return the stages of compiled code (`Traits.stages`) that a kind of propagation needs."""
     return ("sound",) if propagation == "layered" else ()
 
 
 class Link:
-    """Sound of one device, both ways, as the sea is the same from both ends."""
+    """The sound of one device. It serves both directions, as the paths from a to b are those from b to a."""
 
     def __init__(self, table: LinkTable) -> None:
         self._table = table
 
     def load_kernels(self) -> None:
-        """Have those of layered water ready."""
+        """Load the kernels of layered water, if the device needs them."""
         if self._table.propagation == "layered":
             load_kernels()
 
     def paths(self, scope: Scope, a: Vec3, b: Vec3) -> tuple[Path, ...]:
-        """All ways from a to b (N, m), the earliest first."""
+        """Return all paths from a to b (m, N), the earliest first."""
         column, frequency = scope.water.column, self._table.frequency_hz
         across = math.hypot(b[0] - a[0], b[1] - a[1])
         if self._table.propagation == "straight":
@@ -73,28 +73,28 @@ class Link:
         return channel_of(column, frequency).paths(across, a[2], b[2], boundaries(scope, a, b), self._table.reflections)
 
     def heard(self, paths: tuple[Path, ...], gain: float) -> Path | None:
-        """The way by which a receiver hears it that takes the first arrival, or the strongest, above its threshold; None in silence.
+        """Return the path that the receiver takes: the first or the strongest arrival above its threshold; None if there is none.
 
-        An ideal one has no threshold.
+        An ideal receiver has no threshold.
 
         Args:
-            paths: all ways.
-            gain: setting and fading, dB.
+            paths: all paths.
+            gain: of the device plus fading, dB.
         """
         table = self._table
         most = math.inf if table.ideal else self.snr_db(0.0, gain) - table.threshold_db
         return (first if table.arrival == "first" else strongest)(paths, most)
 
     def snr_db(self, loss: float, gain: float) -> float:
-        """Signal over white noise in the band, after a loss (dB); gain: setting and fading, dB."""
+        """Return the signal over white noise in the band, dB, after a loss (dB); `gain`: of the device plus fading, dB."""
         table = self._table
         noise = table.noise_level_db + 10.0 * math.log10(table.bandwidth_hz)
         return table.source_level_db + gain - loss - noise
 
     def surface_delay(self, scope: Scope, a: Vec3, b: Vec3, path: Path) -> float:
-        """How much later than a path the first other one comes that the surface reflects, s; 0 where there is none."""
+        """Return the delay (s) from a path to the next later one that the surface reflects; 0 if there is none."""
         if self._table.propagation == "straight":
-            # The image above the surface.
+            # Straight lines have one reflection at most: that from the image of b above the surface.
             across, drop = math.hypot(b[0] - a[0], b[1] - a[1]), b[2] - a[2]
             length = max(math.hypot(across, drop), 1e-6)
             return path.time * (math.hypot(across, a[2] + b[2]) / length - 1.0)
@@ -103,21 +103,26 @@ class Link:
 
 
 def boundaries(scope: Scope, a: Vec3, b: Vec3) -> Boundaries:
-    """Surface and bottom as flat ones between two points (N, m): the roughness of the waves, and the middle of the depths found on the way.
+    """Return surface and bottom between two points (m, N), both taken as flat: the roughness of the waves, and the median of three depths on the way.
 
-    It lies at the deeper end at least, and is of what is found below the middle. Where less than two of three looks find one, there is none.
+    The bottom is never above the deeper end. Its material is the one found below the middle. If fewer than two of three probes find a bottom, there
+    is none.
     """
     origin = np.array([[p + part * (q - p) for p, q in zip(a, b, strict=True)] for part in _ASIDE])
     down = np.zeros(origin.shape)
     down[:, 2] = 1.0
     found = scope.geometry.raycast(origin, down, _DEEPEST_M)
     depths = sorted((origin[:, 2] + found.distance)[np.isfinite(found.distance)].tolist())
-    waves = 0.0
-    if scope.water.sea is not None:
-        waves = scope.water.sea.roughness
+    waves = 0.0 if scope.water.sea is None else scope.water.sea.roughness
     if len(depths) < _FOUND:
         return Boundaries(roughness=waves)
     number = int(next(material for material in found.material[[1, 0, 2]].tolist() if material >= 0))
-    known = scope.sediments
-    sediment = known[number] if number < len(known) else SEDIMENTS["sediment"]
+    sediment = scope.sediments[number] if number < len(scope.sediments) else SEDIMENTS["sediment"]
     return Boundaries(max(depths[len(depths) // 2], a[2], b[2]), sediment, waves)
+
+
+def ray(a: Vec3, b: Vec3, dip: float) -> Vec3:
+    """Return the unit vector (N) at a with the heading of b and a dip below the horizon (rad), as a `Path` gives it for both of its ends."""
+    heading = math.atan2(b[1] - a[1], b[0] - a[0])
+    flat = math.cos(dip)
+    return flat * math.cos(heading), flat * math.sin(heading), math.sin(dip)

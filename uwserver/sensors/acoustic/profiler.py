@@ -1,4 +1,4 @@
-"""Profiling sonar: a pencil beam, fixed or on a head that steps, and the range of the echo that each ping brings."""
+"""Profiling sonar: a pencil beam, fixed or on a head that turns in steps, and one range from the echo of each ping."""
 
 from __future__ import annotations
 
@@ -13,22 +13,21 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Argument, FanView, Field
 from uwserver.sensors.acoustic import receiver, sounding
-from uwserver.sensors.acoustic.cross_talk import BankSonar, assumed_speed, overheard, sound_speed, tell_pace
-from uwserver.sensors.acoustic.head import (
-    Index,
-    SectorCenter,
-    SectorWidth,
-    Sense,
-    Step,
-    axes,
-    head_arguments,
-    step_on,
+from uwserver.sensors.acoustic.cross_talk import (
+    BankSonar,
+    assumed_speed,
+    overheard,
+    ping_arguments,
+    sound_speed,
+    tell_pace,
 )
-from uwserver.sensors.acoustic.imaging import columns, echoes, soundings, speckle
-from uwserver.sensors.acoustic.imaging.blocks import Block, block_of
-from uwserver.sensors.acoustic.imaging.fan_rays import cast_fan, part_of, see
-from uwserver.sensors.acoustic.imaging.pencil import Pencil
-from uwserver.sensors.acoustic.pinging import STILL, PingMemory, PingSettings, PingTable, fade_of, ping_arguments
+from uwserver.sensors.acoustic.echo import fill_row, is_busy
+from uwserver.sensors.acoustic.head import HeadMemory, HeadSettings, axes, head_arguments, step_on
+from uwserver.sensors.acoustic.imaging import columns, soundings, speckle
+from uwserver.sensors.acoustic.imaging.blocks import Block, block_of, cast_fan, hit_surface, part_of
+from uwserver.sensors.acoustic.imaging.echoes import deposit
+from uwserver.sensors.acoustic.imaging.fan import Pencil
+from uwserver.sensors.acoustic.pinging import STILL, PingTable, fade_of
 from uwserver.sensors.acoustic.receiver import BEYOND, Pulse
 from uwserver.sensors.bank import (
     MISSING,
@@ -52,19 +51,21 @@ from uwserver.table import NonNegative, Positive
 from uwserver.units import rad
 
 MAX_RANGE, GAIN, FREQUENCY, SPEED, ANGLE, RANGE, LEVEL, QUALITY = range(8)
-"""Where in a reading each field stands."""
+"""Places of the fields of a reading."""
 
 
 class ProfilerConfig(PingTable, tag="profiler", kw_only=True, frozen=True):
-    """A profiling sonar. The head turns about the sensor's z, from x towards y: with `rpy_deg = [0, -90, 0]` across the way, from down to starboard.
+    """A profiling sonar. The head turns around the sensor's z, from x towards y.
+
+    With `rpy_deg = [0, -90, 0]` it scans across the track, from down to starboard.
 
     Attributes:
         beam_width_deg: of the cone, between half-power points of transmitter and receiver each.
-        rays: of each side of a square of rays.
-        step_deg: of the head.
-        sector_center_deg, sector_width_deg: the sector that the head covers, to and fro; of width 0 it stands still, of width 360 it rotates.
-        detection: the strongest echo of a ping, or the first one.
-        threshold_db: above the noise, for an echo to count.
+        rays: number of rays along each side of a square of rays.
+        step_deg: angle of the head from ping to ping.
+        sector_center_deg, sector_width_deg: the sector that the head covers, to and fro; with a width of 0 it stands still, with 360 it rotates.
+        detection: which echo of a ping counts, the strongest or the first one.
+        threshold_db: level above the noise from which on an echo counts.
     """
 
     message = "SonarProfile"
@@ -85,13 +86,13 @@ class ProfilerConfig(PingTable, tag="profiler", kw_only=True, frozen=True):
     processing_s: NonNegative = 0.0
 
     def __post_init__(self) -> None:
-        """ValueError where keys do not go together."""
+        """Raise ValueError if keys contradict each other."""
         super().__post_init__()
         if rad(self.sector_width_deg) > 2.0 * math.pi + 1e-9:
             raise ValueError("sector_width_deg is more than a full turn")
 
     def traits(self) -> Traits:
-        """The sector over which its head turns."""
+        """Return its stages of compiled code, and the sector over which its head turns."""
         centre, half = rad(self.sector_center_deg), 0.5 * rad(self.sector_width_deg)
         width, sector = rad(self.beam_width_deg), (centre - half, centre + half)
         fan = FanView(width, width, rad(self.step_deg), sector, 1, self.min_range_m, self.range_m)
@@ -101,73 +102,55 @@ class ProfilerConfig(PingTable, tag="profiler", kw_only=True, frozen=True):
         return Profiler(mount, self)
 
 
-class ProfilerSettings(PingSettings, frozen=True):
-    """See `ProfilerConfig`; angles in rad. A `gain` below 0 dB needs stronger echoes."""
-
-    step: Step
-    sector_center: SectorCenter
-    sector_width: SectorWidth
-
-
-class ProfilerMemory(PingMemory):
-    """Attributes:
-    index: step of the head, from 0.
-    sense: whether it turns back (-1) or on (1)."""
-
-    index: Index = 0
-    sense: Sense = 1
-
-
 _RECORD = record(
     [
         ("block", "i8"), ("bins", "i8"), ("first", "i8"), ("reach", "f8"), ("gain", "f8"), ("step", "f8"), ("center", "f8"), ("width", "f8"),
         ("frequency", "f8"), ("bandwidth", "f8"), ("length", "f8"), ("level", "f8"), ("speed", "f8"), ("overhead", "f8"), ("processing", "f8"),
         ("noise", "f8"), ("hears", "i8"), ("relative", "f8"), ("volume", "f8"), ("beam", "f8"), ("directivity", "f8"), ("threshold", "f8"),
         ("least", "f8"), ("fade_length", "f8"), ("fade_angle", "f8"),
-        # Of this ping: where the head points, and from how many poses it is cast, none in the air.
+        # Of this ping: angle of the head, and number of attitudes from which rays are cast, 0 in the air.
         ("angle", "f8"), ("poses", "i8"),
     ],
     [("ready", "f8"), ("index", "i8"), ("sense", "i8")],
 )  # fmt: skip
 
 _ranges, _thresholds = compiled(receiver.ranges), compiled(sounding.thresholds)
-_deposit, _energies, _volume = (
-    compiled(kernel.py_func) for kernel in (echoes.deposit_columns, columns.energies, columns.volume)
-)
-_fade, _scatter, _receive, _find = (
-    compiled(kernel.py_func) for kernel in (speckle.fade, columns.scatter, columns.receive, soundings.find)
+# The entries for Python, as kernels that compiled code can call.
+_energies, _volume, _fade, _scatter, _receive, _find = (
+    compiled(kernel.py_func)
+    for kernel in (columns.energies, columns.volume, speckle.fade, columns.scatter, columns.receive, soundings.find)
 )
 
 
 @compiled
 def _sound(head: Any, row: Any, now: Array) -> tuple[float, float]:
-    """Its speed at the transducer, m/s, and how many times that the device believes."""
+    """Return the sound speed at the transducer, m/s, and believed over true sound speed."""
     c, believed = sound_speed(head, row, now, p_NS(head, now)[2])
     return c, believed / c
 
 
 @compiled
 def _divide(row: Any, c: float, stretch: float) -> Any:
-    """The `Ranges` of a ping."""
+    """Return the `Ranges` of a ping; arguments as `_sound` returns them."""
     pulse = Pulse(row.level, row.length, row.bandwidth, 20.0 * math.log10(row.noise))
     return _ranges(row.reach, row.bins, c, stretch, pulse)
 
 
 @compiled
 def _farthest(gates: Any) -> float:
-    """How far rays look, m."""
+    """Return how far rays reach, m."""
     return float(BEYOND * gates.total / gates.per_metre)
 
 
 @compiled
 def _duration(row: Any, c: float, stretch: float) -> float:
-    """Of a ping, s."""
+    """Return the duration of a ping, s; arguments as `_sound` returns them."""
     return float(2.0 * row.reach / (stretch * c))
 
 
 @compiled
 def _turn_to(head: Any, row: Any, now: Array, later: float, R: Array) -> None:
-    """Axes of the beam in N, some time later (s), as the vehicle turns now."""
+    """Write the axes of the beam in N into the columns of R (3, 3), as they are `later` s from now if the vehicle goes on turning as it does."""
     q = q_NS(head, now)
     if later > 0.0:
         q = multiply(multiply(q_NB(head, now), spin(w_NB_B(head, now), later)), q_BS(head))
@@ -178,35 +161,44 @@ def _turn_to(head: Any, row: Any, now: Array, later: float, R: Array) -> None:
 def aim(
     head: Any, row: Any, now: Array, t: float, origin: Array, direction: Array, count: int
 ) -> tuple[int, float]:  # fmt: skip
-    """The beams; where a sonar turns in a ping by more than it can count as still, also as it stands at the end."""
-    if t < row.m.ready - 1e-6:
-        head.ready = 0
+    """Turn the head, and lay the rays of the beam if the sonar is under water; nothing while the last ping is not over.
+
+    If the sonar turns too far during the ping to count as still, the rays are cast from the attitude at its end too.
+    """
+    if is_busy(head, row, t):
         return count, 0.0
-    R = np.empty((3, 3))
     row.angle, row.m.index, row.m.sense = step_on(row.step, row.center, row.width, row.m.index, row.m.sense)
     p, row.poses = p_NS(head, now), 0
-    if submergence(now, p, t) > 0.0:
-        c, stretch = _sound(head, row, now)
-        duration, w = _duration(row, c, stretch), w_NB_B(head, now)
-        rate = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
-        row.poses = 2 if rate * duration > STILL * row.beam else 1
-        for pose in range(row.poses):
-            _turn_to(head, row, now, pose * duration, R)
-            count = cast_fan(block_of(row).direction, R, p, count, origin, direction)
-        return count, _farthest(_divide(row, c, stretch).gates)
-    return count, 0.0
+    if submergence(now, p, t) <= 0.0:
+        return count, 0.0
+    c, stretch = _sound(head, row, now)
+    duration, w, R = _duration(row, c, stretch), w_NB_B(head, now), np.empty((3, 3))
+    rate = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+    row.poses = 2 if rate * duration > STILL * row.beam else 1
+    for pose in range(row.poses):
+        _turn_to(head, row, now, pose * duration, R)
+        count = cast_fan(block_of(row).direction, R, p, count, origin, direction)
+    return count, _farthest(_divide(row, c, stretch).gates)
 
 
 @compiled
 def _energy(
     head: Any, row: Any, now: Array, t: float, divided: Any, alpha: float, later: float, direction: Array, hits: Any
 ) -> Array:
-    """Mean intensity of the echoes of each gate (1, gates), uPa^2, of one pose."""
+    """Return the mean intensity of the echoes in each gate (1, gates), uPa^2, at one attitude.
+
+    Args:
+        head, row, now, t: of the sonar; t in s.
+        divided: `Ranges` of the ping.
+        alpha: absorption, dB/m.
+        later: time from now to that attitude, s.
+        direction, hits: directions (n, 3) of the rays from there, and what they hit.
+    """
     gates, cells, R = divided.gates, block_of(row).cells, np.empty((3, 3))
     _turn_to(head, row, now, later, R)
-    see(submergence(now, p_NS(head, now), t), direction, _farthest(gates), hits)
+    hit_surface(submergence(now, p_NS(head, now), t), direction, _farthest(gates), hits)
     second, out, column = np.zeros((1, gates.total + 3)), np.zeros((1, gates.total)), np.zeros(len(cells), np.int64)
-    _deposit(
+    deposit(
         cells, direction, R, hits.distance, hits.normal, hits.body, hits.material, ground_of(now), gates.per_metre, column, 0.0,
         divided.level, second,
     )  # fmt: skip
@@ -221,7 +213,7 @@ def _energy(
 def _blended(
     head: Any, row: Any, now: Array, t: float, divided: Any, alpha: float, duration: float, direction: Array, hits: Any
 ) -> Array:
-    """The same of a ping: where the sonar turns, of its poses by the time at which each gate is heard."""
+    """Return the mean intensity of a ping, as `_energy`. If the sonar turns, both attitudes are blended by the time at which each gate is heard."""
     n = len(direction) // row.poses
     energy = _energy(head, row, now, t, divided, alpha, 0.0, direction[:n], part_of(hits, 0, n))
     if row.poses == 2:
@@ -234,8 +226,10 @@ def _blended(
 
 @compiled
 def _listen(head: Any, row: Any, now: Array, t: float, c: float, divided: Any, energy: Array) -> Array:
-    """What the beam hears: real and imaginary part (2, 1, gates), uPa; without errors mean intensity (1, 1, gates), uPa^2. From where the device
-    listens."""
+    """Return what the beam hears: real and imaginary part (2, 1, gates), uPa; without errors mean intensity (1, 1, gates), uPa^2.
+
+    It is 0 nearer than the least range of the device. Arguments as of `_energy`; `c`: sound speed, m/s; `energy`: (1, gates).
+    """
     block, gates, is_mean, R = block_of(row), divided.gates, head.exact != 0, np.empty((3, 3))
     sound, bursts = np.empty((1 if is_mean else 2, 1, gates.total), np.float32), np.empty((0, 4))
     if is_mean:
@@ -256,7 +250,7 @@ def _listen(head: Any, row: Any, now: Array, t: float, c: float, divided: Any, e
 
 @compiled
 def _measure(head: Any, row: Any, now: Array, t: float, direction: Array, hits: Any, out: Array) -> None:
-    """Range, level and quality of the echo of a ping under water, if it hears one."""
+    """Write range, level and quality of the echo of a ping under water, if there is one."""
     c, stretch = _sound(head, row, now)
     # Absorption changes so little that an instrument asks for it once a metre.
     alpha = sound_absorption(now, row.frequency, np.rint(p_NS(head, now)[2]))
@@ -276,7 +270,7 @@ def _measure(head: Any, row: Any, now: Array, t: float, direction: Array, hits: 
 def measure(
     head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
 ) -> None:  # fmt: skip
-    """The first echo of a ping."""
+    """Read the echo of a ping."""
     c, stretch = _sound(head, row, now)
     out[MAX_RANGE], out[GAIN], out[FREQUENCY], out[SPEED] = row.reach, row.gain, row.frequency, stretch * c
     out[ANGLE], out[RANGE], out[LEVEL], out[QUALITY], head.valid = row.angle, MISSING, MISSING, 0.0, 0
@@ -289,13 +283,13 @@ def measure(
 
 
 class Profiler(BankSonar):
-    """One range a ping."""
+    """Gives one range a ping."""
 
     doc = "Profiling sonar: where its pencil beam pointed and how far the echo came from; each ping from the pose at its start."
     bank = Bank(_RECORD, ray_loop(measure), (aim_loop(aim),), acts=True)
     random = ("noise",)
-    memory_type = ProfilerMemory
-    settings: ProfilerSettings
+    memory_type = HeadMemory
+    settings: HeadSettings
 
     def __init__(self, mount: Pose, config: ProfilerConfig) -> None:
         self._config = self.table = config
@@ -312,7 +306,7 @@ class Profiler(BankSonar):
             Field("level", "dB", "of the echo, re 1 uPa; missing without one"),
             Field("quality", "1", "of the range: 1 for an echo without noise, 0 for none"),
         )
-        settings = ProfilerSettings(
+        settings = HeadSettings(
             config.range_m, 0.0, rad(config.step_deg), rad(config.sector_center_deg), rad(config.sector_width_deg)
         )
         self.arguments: tuple[Argument, ...] = (*ping_arguments(config), *head_arguments(0.0))
@@ -320,19 +314,17 @@ class Profiler(BankSonar):
 
     def fill(self, row: Any) -> None:
         c, s, width = self._config, self.settings, rad(self._config.beam_width_deg)
-        row["block"], row["bins"], row["first"] = self._block.address, c.bins, c.detection == "first"
-        row["reach"], row["gain"], row["step"] = s.range, s.gain, s.step
-        row["center"], row["width"] = s.sector_center, s.sector_width
-        row["frequency"], row["bandwidth"], row["length"] = c.frequency_hz, c.bandwidth_hz, c.pulse_s
-        row["level"], row["noise"] = c.source_level_db, 10.0 ** (0.05 * c.noise_level_db)
-        row["speed"], row["overhead"], row["processing"] = assumed_speed(c), c.overhead_s, c.processing_s
-        row["hears"] = c.cross_talk_db is not UNSET
-        row["relative"] = 0.0 if c.cross_talk_db is UNSET else c.cross_talk_db
-        row["volume"] = 0.0 if c.volume_backscatter_db is UNSET else 10.0 ** (0.1 * c.volume_backscatter_db)
-        row["beam"], row["directivity"] = width, self._pencil.directivity
-        row["threshold"], row["least"] = c.threshold_db, c.min_range_m
         row["fade_length"], row["fade_angle"] = fade_of(width, c.frequency_hz)
+        fill_row(
+            row, block=self._block.address, bins=c.bins, first=c.detection == "first", reach=s.range, gain=s.gain, step=s.step,
+            center=s.sector_center, width=s.sector_width, frequency=c.frequency_hz, bandwidth=c.bandwidth_hz, length=c.pulse_s,
+            level=c.source_level_db, noise=10.0 ** (0.05 * c.noise_level_db), speed=assumed_speed(c), overhead=c.overhead_s,
+            processing=c.processing_s, hears=c.cross_talk_db is not UNSET,
+            relative=0.0 if c.cross_talk_db is UNSET else c.cross_talk_db,
+            volume=0.0 if c.volume_backscatter_db is UNSET else 10.0 ** (0.1 * c.volume_backscatter_db), beam=width,
+            directivity=self._pencil.directivity, threshold=c.threshold_db, least=c.min_range_m,
+        )  # fmt: skip
 
     def turn_on_row(self, memory: Any) -> None:
-        """Ready at once, at the first step."""
+        """Make the sonar ready at once, with its head at the first step."""
         memory["sense"] = 1

@@ -1,43 +1,46 @@
-"""From an instant to a picture: what comes back of a ping over range, and what the beams of a receiver make of it.
+"""From the instant of a ping to a picture: the echoes over range, and what the beams of a receiver make of them.
 
-Each step is a function of its own, for sonars that need some of them: `gates_of`, `Echoes.energy` (rays, ghosts, second-time-around, volume),
-`hear` (speckle, beams, noise, pulse), `gain_over_range`.
+Each step is a function of its own, as some sonars need only some of them: `ranges` (gates), `Echoes.energy` (rays, ghosts, echoes of the ping
+before, volume), `hear` (speckle, beams, noise, pulse), `gain_over_range` and `picture_of` (output).
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
+from uwserver.environment.materials import SURFACE_DB
 from uwserver.frames import Vec3
-from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray
+from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.rays.raycast import NOTHING, SURFACE, Geometry, Hits
-from uwserver.sensors.acoustic.echo import MU_SURFACE, cast_from, kernels
 from uwserver.sensors.acoustic.imaging import columns, echoes, speckle
 from uwserver.sensors.acoustic.imaging.echoes import Gates
 from uwserver.sensors.acoustic.imaging.swath import Plane, Swath, reflected, unfolded
 from uwserver.sensors.voices import NO_BURSTS
 
+MU_SURFACE = 10.0 ** (0.1 * SURFACE_DB)
 BEYOND = 1.3
-"""Rays look so much farther than the last gate: what they hit behind it may reach into it."""
+"""Rays reach so many times farther than the last gate, as the echo of what they hit behind it may reach into it."""
 SURFACE_LOSS_DB, BOTTOM_LOSS_DB = 2.0, 10.0
-"""Of intensity at each reflection: a calm surface scatters a little aside; sand at grazing angles well above the critical one takes the most
+"""Loss of intensity at each reflection: a calm surface scatters a little aside; sand at grazing angles well above the critical one takes the most
 (Medwin and Clay, Fundamentals of Acoustical Oceanography, 1998, chapters 2 and 13: typical values)."""
 _UP = -0.7
-"""Component down of the normal of what counts as bottom."""
+"""What has a normal with a smaller down component than this counts as bottom."""
 _LEAST_RAYS = 256
+Output = Literal["counts", "pressure", "complex"]
 
 
 class Pulse(NamedTuple):
-    """What is sent, and what the receiver adds.
+    """The pulse that is sent, and the noise at the receiver.
 
     Attributes:
         level: source level, dB re 1 uPa at 1 m.
         length: s.
         bandwidth: Hz.
-        noise: spectral level around, dB re 1 uPa^2/Hz.
+        noise: spectral level of the ambient noise, dB re 1 uPa^2/Hz.
     """
 
     level: float
@@ -47,12 +50,12 @@ class Pulse(NamedTuple):
 
 
 class Ranges(NamedTuple):
-    """How range is divided, and the levels that follow.
+    """How range is divided into gates, and the levels that follow from it.
 
     Attributes:
-        gates: one a bin, and some behind the last.
+        gates: one for each bin, and some behind the last bin.
         level: of the compressed pulse, uPa^2 at 1 m.
-        noise: mean intensity in a gate, of an omnidirectional receiver, uPa^2.
+        noise: mean intensity in a gate at an omnidirectional receiver, uPa^2.
     """
 
     gates: Gates
@@ -61,14 +64,16 @@ class Ranges(NamedTuple):
 
 
 def ranges(reach: float, bins: int, c: float, stretch: float, pulse: Pulse) -> Ranges:
-    """Of a ping. A receiver filters to what its bins resolve: a pulse that resolves more than a bin counts as if it resolved one.
+    """Return the gates of a ping, one for each bin.
+
+    The receiver filters to what its bins resolve: a pulse whose resolution is finer than a bin counts as if it resolved one bin.
 
     Args:
         reach: range at the end of the last bin, as the device believes, m.
-        bins: of the ping.
+        bins: number of bins.
         c: sound speed, m/s.
         stretch: believed over true sound speed.
-        pulse: its sound.
+        pulse: that is sent.
     """
     gate_m = reach / bins
     true_m = gate_m / stretch
@@ -85,9 +90,9 @@ class Water(NamedTuple):
 
     Attributes:
         alpha: absorption, dB/m.
-        scattering: of a cubic metre of water, 1/m, linear.
+        scattering: backscatter of a cubic metre of water, 1/m, linear.
         height: of the surface above the transducer, m.
-        lambert: (n) by material, of `Scope`.
+        lambert: (n) Lambert's parameter of each material, linear, as in `Scope`.
     """
 
     alpha: float
@@ -97,11 +102,11 @@ class Water(NamedTuple):
 
 
 class Paths(NamedTuple):
-    """Which ways sound takes besides the straight one.
+    """Which paths sound takes besides the straight one.
 
     Attributes:
-        surface, bottom: echoes of what is seen by way of them as a mirror.
-        again: range (true m) behind which echoes of the ping before arrive with those of this one; 0 for never.
+        surface, bottom: whether surface and bottom act as mirrors, so that echoes come by way of them too (ghosts).
+        again: true range (m) behind which echoes of the ping before arrive together with those of this one; 0 for never.
     """
 
     surface: bool = False
@@ -110,40 +115,51 @@ class Paths(NamedTuple):
 
 
 class Echoes:
-    """Casts the rays of one swath. Holds work space, so that one ping at a time may use it."""
+    """Casts the rays of one swath. It keeps work space, so only one ping at a time may use it."""
 
     def __init__(self, swath: Swath, bins: int) -> None:
-        """Of a sonar with so many bins."""
+        """Take the swath of a sonar with so many bins."""
         self._swath = swath
         self._second: FloatArray = np.zeros((swath.columns, 0))
 
     def energy(
         self, geometry: Geometry, water: Water, p: Vec3, R: FloatArray, ranges: Ranges, paths: Paths
     ) -> FloatArray:
-        """(columns, gates) mean intensity of what comes back, uPa^2.
+        """Return the mean intensity of the echoes (columns, gates), uPa^2.
 
         Args:
-            geometry: solid things at the instant.
-            water: around.
-            p, R: of the transducer in N.
+            geometry: solids at the instant of the ping.
+            water: around the sonar.
+            p, R: position (m) of the transducer in N, and rotation matrix from the swath to N.
             ranges: of the ping.
-            paths: of sound.
+            paths: that sound takes.
         """
+        # Imported here because numba takes half a second.
+        from uwserver.physics.rays.echoes import Ground
+        from uwserver.physics.rays.hits import intersect_level
+
         swath, gates = self._swath, ranges.gates
         direction: FloatArray = swath.grid.direction @ R.T
-        farthest = max(BEYOND * gates.total / gates.per_metre, paths.again + gates.total / gates.per_metre)
-        if not paths.again:
-            farthest = BEYOND * gates.total / gates.per_metre
-        hits = cast_from(geometry, p, water.height, direction, farthest)
+        farthest = BEYOND * gates.total / gates.per_metre
+        if paths.again:
+            farthest = max(farthest, paths.again + gates.total / gates.per_metre)
+        hits = geometry.raycast(np.tile(p, (len(direction), 1)), direction, farthest)
+        # The sea surface is a function, not a mesh. It is taken as level here; from below it reflects like a very rough bottom.
+        intersect_level(water.height, direction, farthest, SURFACE, *hits)
+        ground = Ground(water.lambert, MU_SURFACE)
         out = np.zeros((swath.columns, gates.total))
         for shift in (0.0, paths.again * gates.per_metre) if paths.again else (0.0,):
-            second = self._seconds(gates.total)
-            self._deposit(swath.grid.cells, direction, R, hits, water, gates, swath.column, shift, ranges.level, second)
+            second = self._cleared(gates.total)
+            echoes.deposit_columns(
+                swath.grid.cells, direction, R, *hits, ground, gates.per_metre, swath.column, shift, ranges.level, second
+            )  # fmt: skip
             for chosen, loss in _mirrors(hits, paths):
                 again = self._ghosts(geometry, p, direction, hits, chosen, farthest)
                 cells, column = swath.grid.cells[chosen], swath.column[chosen]
                 level = ranges.level * 10.0 ** (-0.2 * loss)
-                self._deposit(cells, direction[chosen], R, again, water, gates, column, shift, level, second)
+                echoes.deposit_columns(
+                    cells, direction[chosen], R, *again, ground, gates.per_metre, column, shift, level, second
+                )
             columns.energies(second, shift, gates.per_metre, water.alpha, out)
             if water.scattering > 0.0:
                 strength = water.scattering * ranges.level
@@ -151,25 +167,18 @@ class Echoes:
                 columns.volume(emitted, hits.distance, hits.body, strength, shift, gates.per_metre, water.alpha, out)
         return out
 
-    def _seconds(self, gates: int) -> FloatArray:
+    def _cleared(self, gates: int) -> FloatArray:
+        """Return the second differences of the energy (columns, gates + 3), all 0."""
         if self._second.shape[1] != gates + 3:
             self._second = np.zeros((self._swath.columns, gates + 3))
         self._second[:] = 0.0
         return self._second
 
     @staticmethod
-    def _deposit(
-        cells: Array, direction: FloatArray, R: FloatArray, hits: Hits, water: Water, gates: Gates, column: IntArray, shift: float, level: float,
-        second: FloatArray,
-    ) -> None:  # fmt: skip
-        ground = kernels()[0].Ground(water.lambert, MU_SURFACE)
-        echoes.deposit_columns(cells, direction, R, *hits, ground, gates.per_metre, column, shift, level, second)
-
-    @staticmethod
     def _ghosts(
         geometry: Geometry, p: Vec3, direction: FloatArray, hits: Hits, chosen: IntArray, farthest: float
     ) -> Hits:
-        """What the chosen rays meet by way of a mirror."""
+        """Return what the chosen rays hit by way of a mirror."""
         start, towards = reflected(hits, chosen, np.array(p), direction)
         count, padded = len(chosen), _LEAST_RAYS
         while padded < count:  # few different numbers of rays: an engine keeps arrays for each
@@ -178,76 +187,104 @@ class Echoes:
             np.concatenate([each, np.repeat(each[-1:], padded - count, axis=0)]) for each in (start, towards)
         )
         found = geometry.raycast(start, towards, farthest)
-        first = slice(count)
-        return unfolded(
-            hits, chosen, Hits(found.distance[first], found.normal[first], found.body[first], found.material[first])
-        )
+        distance, normal, body, material = found
+        return unfolded(hits, chosen, Hits(distance[:count], normal[:count], body[:count], material[:count]))
 
 
 def _mirrors(hits: Hits, paths: Paths) -> list[tuple[IntArray, float]]:
-    """Rays that meet each mirror, and its loss, dB."""
-    found: list[tuple[IntArray, float]] = []
-    if paths.surface:
-        found.append((np.flatnonzero(hits.body == SURFACE), SURFACE_LOSS_DB))
-    if paths.bottom:
-        is_bottom = (hits.body != NOTHING) & (hits.body != SURFACE) & (hits.normal[:, 2] < _UP)
-        found.append((np.flatnonzero(is_bottom), BOTTOM_LOSS_DB))
-    return [(chosen, loss) for chosen, loss in found if len(chosen)]
+    """Return for each mirror the rays that hit it, and its loss, dB."""
+    is_bottom = (hits.body != NOTHING) & (hits.body != SURFACE) & (hits.normal[:, 2] < _UP)
+    mirrors = (
+        (paths.surface, hits.body == SURFACE, SURFACE_LOSS_DB),
+        (paths.bottom, is_bottom, BOTTOM_LOSS_DB),
+    )
+    return [(np.flatnonzero(hit), loss) for reflects, hit, loss in mirrors if reflects and hit.any()]
 
 
 class Noise(NamedTuple):
-    """Random parts of a ping.
+    """The random parts of a ping.
 
     Attributes:
-        key: of the sensor.
+        key: of the sensor's random numbers.
         number: drawn for the ping.
-        faded, share: of `speckle.fading`.
-        bursts: (n, 4) sound of other sonars, of `voices`.
+        faded, share: as `speckle.fading` returns them.
+        bursts: (n, 4) sound of other sonars, see `voices`.
     """
 
     key: int
     number: int
-    faded: Array
+    faded: IntArray
     share: FloatArray
     bursts: FloatArray = NO_BURSTS
 
 
 def hear(swath: Swath, energy: FloatArray, ranges: Ranges, noise: Noise | None) -> Plane:
-    """What the beams hear.
+    """Return what the beams hear.
 
     Args:
         swath: of the sonar.
-        energy: (columns, gates) of `Echoes`.
+        energy: (columns, gates) as `Echoes.energy` returns it.
         ranges: of the ping.
         noise: None for the mean, without speckle.
 
     Returns:
         (2, beams, gates) real and imaginary part, uPa; without noise (1, beams, gates) intensity, uPa^2.
     """
-    beams, gates = len(swath.azimuth), energy.shape[1]
-    if noise is None:
-        mean = np.empty((1, beams, gates), np.float32)
-        columns.form_beams(swath.power, energy.astype(np.float32), mean[0])
-        received(mean, ranges, None, swath.directivity)
-        return mean
-    waves = np.empty((2, *energy.shape), np.float32)
-    columns.scatter(energy, np.uint64(noise.key), noise.faded, noise.share, speckle.PHASORS, waves)
-    sound = np.empty((2, beams, gates), np.float32)
-    for plane in range(2):
-        columns.form_beams(swath.pattern, waves[plane], sound[plane])
+    waves, pattern = waves_of(energy, noise), swath.power if noise is None else swath.pattern
+    sound = np.empty((len(waves), len(swath.azimuth), energy.shape[1]), np.float32)
+    for plane, wave in enumerate(waves):
+        columns.form_beams(pattern, wave, sound[plane])
     received(sound, ranges, noise, swath.directivity)
     return sound
 
 
+def waves_of(energy: FloatArray, noise: Noise | None) -> Plane:
+    """Return the sound of each column with its speckle (2, columns, gates), uPa; without noise (1, columns, gates) intensity, uPa^2."""
+    if noise is None:
+        return energy.astype(np.float32)[None]
+    waves = np.empty((2, *energy.shape), np.float32)
+    columns.scatter(energy, np.uint64(noise.key), noise.faded, noise.share, speckle.PHASORS, waves)
+    return waves
+
+
 def received(sound: Plane, ranges: Ranges, noise: Noise | None, directivity: float) -> None:
-    """As `columns.receive`, for a receiver of this directivity (as a ratio)."""
+    """Apply `columns.receive` in place, for a receiver with this directivity (a ratio)."""
     key, number, bursts = (0, 0, NO_BURSTS) if noise is None else (noise.key, noise.number, noise.bursts)
     inside = ranges.noise / directivity
     columns.receive(inside, bursts, np.uint64(key), np.uint64(number), ranges.gates.window, speckle.PHASORS, sound)
 
 
 def gain_over_range(reach: float, bins: int, spreading: float, alpha: float, limit: float) -> FloatArray:
-    """(bins) time-varied gain, dB: spreading lg r + 2 alpha r, at most the limit."""
+    """Return the time-varied gain of each bin (bins), dB: spreading lg r + 2 alpha r, at most the limit."""
     r = (np.arange(bins) + 0.5) * (reach / bins)
     result: FloatArray = np.minimum(spreading * np.log10(r) + 2.0 * alpha * r, limit)
     return result
+
+
+def picture_of(sound: Plane, gain: FloatArray, level: FloatArray, steps: float, output: Output) -> npt.NDArray[Any]:
+    """Return what a sonar gives of the sound in its bins.
+
+    Args:
+        sound: (2 or 1, beams, gates >= bins) as `hear` returns it.
+        gain: (beams) gain of each beam's channel, by intensity.
+        level: (bins) what is added to the level for counts, dB.
+        steps: counts per dB.
+        output: what the result is.
+
+    Returns:
+        (bins, beams) uint8 counts or float32 pressure (Pa); or (bins, beams, 2) real and imaginary part, float32, Pa.
+    """
+    sound = sound[:, :, : len(level)]
+    if len(sound) == 1:  # an amplitude of the same intensity, with phase 0
+        sound = np.concatenate([np.sqrt(sound), np.zeros_like(sound)])
+    if output == "complex":
+        factor = (1e-6 * np.sqrt(gain)).astype(np.float32)
+        return np.ascontiguousarray((sound * factor[None, :, None]).transpose(2, 1, 0))
+    intensity = np.empty((len(level), sound.shape[1]), np.float32)
+    columns.intensities(sound, gain.astype(np.float32), intensity)
+    if output == "pressure":
+        pressure: Plane = np.float32(1e-6) * np.sqrt(intensity)
+        return pressure
+    counts = np.empty(intensity.shape, np.uint8)
+    columns.counts(intensity, level, steps, columns.LOGARITHMS, counts)
+    return counts

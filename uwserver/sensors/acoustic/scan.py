@@ -1,4 +1,7 @@
-"""From what the rays of a scanning sonar meet to the bins of its ping (compiled)."""
+"""The bins of a scanning sonar's ping, from what its rays hit (compiled).
+
+In all functions `head` is the row of the sonar in `bank.HEAD`, `row` its record (hit_surface `scanning_sonar`), and `now` its surroundings.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +15,15 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.sensors.acoustic.cross_talk import overheard, sound_speed
 from uwserver.sensors.acoustic.head import axes
-from uwserver.sensors.acoustic.imaging.blocks import block_of
+from uwserver.sensors.acoustic.imaging.blocks import block_of, hit_surface, kept
 from uwserver.sensors.acoustic.imaging.echoes import deposit, energies, gates
-from uwserver.sensors.acoustic.imaging.fan_rays import kept, see
 from uwserver.sensors.acoustic.imaging.speckle import DIRECTIONS, compress, detect, detect_mean, fade, scatter
 from uwserver.sensors.acoustic.receiver import BEYOND
 from uwserver.sensors.bank import ground_of, p_NS, q_NS, sound_absorption, submergence
 from uwserver.sensors.voices import add_burst
 
 COUNTS, PRESSURE, COMPLEX = range(3)
-"""What the bins are."""
+"""Values of `output` in a record: what the bins are."""
 FULL_SCALE = 255.0
 
 _gates, _fade = compiled(gates), compiled(fade.py_func)
@@ -29,31 +31,49 @@ _gates, _fade = compiled(gates), compiled(fade.py_func)
 
 @compiled
 def farthest(row: Any, stretch: float) -> float:
-    """How far rays look (m), where the believed sound speed is so many times the true one."""
+    """Return how far rays reach, m; `stretch`: believed over true sound speed."""
     return float(BEYOND * row.reach / min(stretch, 1.0))
 
 
 @compiled
 def _energy(row: Any, now: Array, R: Array, alpha: float, divided: Any, finer: Array, hits: Any, out: Array) -> None:
-    """Mean intensity of the echoes of each gate, uPa^2: what the rays of the fan have met, and the finer ones (n, 3), which have met `hits`."""
-    block, ground, second = block_of(row), ground_of(now), np.zeros(divided.total + 3)
-    met = kept(block)
+    """Find the mean intensity of the echoes in each gate, uPa^2.
+
+    Args:
+        row, now: of the sonar.
+        R: (3, 3) whose columns are the axes of its head in N.
+        alpha: absorption, dB/m.
+        divided: gates of the ping.
+        finer, hits: directions (n, 3) of the finer rays, and what they hit; what the rays of the fan hit is kept in the block.
+        out: (gates) receives the intensities.
+    """
+    block, ground, second = block_of(row), ground_of(now), np.zeros((1, divided.total + 3))
+    met, column = kept(block), np.zeros(max(len(block.cells), len(finer)), np.int64)
     deposit(
-        block.cells, block.towards, R, met.distance, met.normal, met.body, met.material, ground, divided.per_metre, second
+        block.cells, block.towards, R, met.distance, met.normal, met.body, met.material, ground, divided.per_metre, column, 0.0, 1.0, second
     )  # fmt: skip
     if len(finer) > 0:
         cells = block.finer[: len(finer)]
         deposit(
-            cells, finer, R, hits.distance, hits.normal, hits.body, hits.material, ground, divided.per_metre, second
-        )
-    energies(second, divided.per_metre, alpha, out)
+            cells, finer, R, hits.distance, hits.normal, hits.body, hits.material, ground, divided.per_metre, column, 0.0, 1.0, second
+        )  # fmt: skip
+    energies(second[0], divided.per_metre, alpha, out)
 
 
 @compiled
 def _receive(
     head: Any, row: Any, now: Array, t: float, p: Vec3, R: Array, c: float, divided: Any, energy: Array, sound: Array
 ) -> None:  # fmt: skip
-    """Real and imaginary part (bins, 2), uPa: the peak of what the pulse leaves of the echoes (gates) in each bin; the mean has the phase 0."""
+    """Find the strongest sample of the matched filter in each bin; without errors its mean, with phase 0.
+
+    Args:
+        head, row, now, t: of the sonar; t in s.
+        p, R: position of its head in N, m, and (3, 3) whose columns are its axes.
+        c: sound speed, m/s.
+        divided: gates of the ping.
+        energy: (gates) mean intensity of the echoes, uPa^2.
+        sound: (bins, 2) receives real and imaginary part, uPa.
+    """
     if head.exact != 0:
         mean = np.empty(row.bins)
         detect_mean(energy, divided.window, divided.per_bin, mean)
@@ -73,8 +93,8 @@ def _receive(
 
 
 @compiled
-def _tell(row: Any, alpha: float, sound: Array, out: Array) -> None:
-    """The bins of a reading (bins); complex ones are no numbers."""
+def _write_bins(row: Any, alpha: float, sound: Array, out: Array) -> None:
+    """Write the bins of a reading (bins) as counts or pressure. Complex bins are a buffer, which Python makes."""
     if row.output == COMPLEX:
         return
     intensity = sound[:, 0] * sound[:, 0] + sound[:, 1] * sound[:, 1]
@@ -88,9 +108,11 @@ def _tell(row: Any, alpha: float, sound: Array, out: Array) -> None:
 
 
 @compiled
-def _show(row: Any, out: Array) -> None:
-    """The picture of the paper (UW-MORSE, section IV-B): the cosine of incidence of each ray, summed over the bin of its range; 1 if all rays hit at
-    right angles."""
+def _write_paper_bins(row: Any, out: Array) -> None:
+    """Write the bins of the model in the paper (UW-MORSE, section IV-B): the sum of the cosines of incidence of the rays that hit within each bin.
+
+    It is divided by the number of rays, so it is 1 if all of them hit at right angles.
+    """
     block = block_of(row)
     hits, picture, per_metre = kept(block), np.zeros(row.bins), row.bins / row.reach
     for i in range(len(hits.distance)):
@@ -110,27 +132,25 @@ def _show(row: Any, out: Array) -> None:
 
 @compiled
 def hear(head: Any, row: Any, now: Array, t: float, direction: Array, hits: Any, sound: Array, out: Array) -> None:
-    """The bins of a ping under water.
+    """Make the bins of a ping under water.
 
     Args:
-        head, row: of the sonar.
-        now: what it sees.
-        t: s.
-        direction, hits: (n, 3) of the finer rays, and what they have met; what those of its fan have met is kept in its block.
-        sound: (bins, 2) receives real and imaginary part of each bin, uPa; not of the paper's picture.
-        out: (bins) receives what is told of them, where that is numbers.
+        head, row, now, t: of the sonar; t in s.
+        direction, hits: directions (n, 3) of the finer rays, and what they hit; what the rays of the fan hit is kept in the block.
+        sound: (bins, 2) receives real and imaginary part of each bin, uPa; not used by the model of the paper.
+        out: (bins) receives counts or pressure.
     """
     if row.paper != 0:
-        _show(row, out)
+        _write_paper_bins(row, out)
         return
     p, R = p_NS(head, now), np.empty((3, 3))
     c, believed = sound_speed(head, row, now, p[2])
     # Absorption changes so little that an instrument asks for it once a metre.
     alpha, stretch = sound_absorption(now, row.frequency, np.rint(p[2])), believed / c
     divided = _gates(row.reach, row.bins, c / (2.0 * row.bandwidth), stretch)
-    see(submergence(now, p, t), direction, farthest(row, stretch), hits)
+    hit_surface(submergence(now, p, t), direction, farthest(row, stretch), hits)
     axes(q_NS(head, now), row.angle, R)
     energy = np.empty(divided.total)
     _energy(row, now, R, alpha, divided, direction, hits, energy)
     _receive(head, row, now, t, p, R, c, divided, energy, sound)
-    _tell(row, alpha, sound, out)
+    _write_bins(row, alpha, sound, out)

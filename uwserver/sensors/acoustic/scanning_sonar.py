@@ -1,124 +1,96 @@
-"""Mechanically scanned imaging sonar: a fan of rays that steps about the sensor's z, one ping a step, each from its own pose."""
+"""Mechanically scanned imaging sonar: a fan of rays that turns in steps around the sensor's z. Each step is one ping, from its own pose."""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
-from uwserver.modifiers.base import Memory, Time
 from uwserver.modifiers.columns import NO_INT
 from uwserver.modifiers.operations import rounded_ns
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.physics.rays.raycast import no_hits
-from uwserver.ports import Argument, Buffer, FanView, Field, Value
+from uwserver.ports import Buffer, FanView, Field, Value
 from uwserver.ports.buffer import Layout
-from uwserver.sensors.acoustic.cross_talk import BankSonar, assumed_speed, sound_speed, tell_pace
-from uwserver.sensors.acoustic.head import (
-    Index,
-    SectorCenter,
-    SectorWidth,
-    Sense,
-    Step,
-    axes,
-    head_arguments,
-    step_on,
+from uwserver.sensors.acoustic.cross_talk import (
+    BankSonar,
+    SonarTable,
+    assumed_speed,
+    ping_arguments,
+    sound_speed,
+    tell_pace,
 )
-from uwserver.sensors.acoustic.imaging.blocks import Block, block_of
-from uwserver.sensors.acoustic.imaging.fan import CELL, Fan, directivity
-from uwserver.sensors.acoustic.imaging.fan_rays import cast_fan, keep, part_of, see, turn
+from uwserver.sensors.acoustic.echo import fill_row, is_busy
+from uwserver.sensors.acoustic.head import HeadMemory, HeadSettings, axes, head_arguments, step_on
+from uwserver.sensors.acoustic.imaging.blocks import Block, block_of, cast_fan, hit_surface, keep, part_of, turn
+from uwserver.sensors.acoustic.imaging.fan import CELL, FLANKS, Fan, directivity
 from uwserver.sensors.acoustic.imaging.silhouettes import CUT, room_for, sharpen
+from uwserver.sensors.acoustic.pinging import fade_of
+from uwserver.sensors.acoustic.receiver import Output
 from uwserver.sensors.acoustic.scan import COUNTS, FULL_SCALE, farthest, hear
 from uwserver.sensors.bank import MISSING, Bank, aim_loop, p_NS, q_NS, ray_loop, record, submergence
-from uwserver.sensors.base import Distance, Gain, Pose, SensorTable, Settings
+from uwserver.sensors.base import Pose
 from uwserver.sensors.traits import BYTES_OF_BIN, Traits
 from uwserver.table import NonNegative, Positive
 from uwserver.units import rad
 
-_FLANKS = 2.0
-"""The rays fill so many beam widths: at their edge the two-way pattern is 36 dB down."""
-_OUTPUTS = ("counts", "pressure", "complex")
-"""By their numbers in `scan`."""
 ANGLE, RANGE, GAIN, BINS = range(4)
-"""Where in a reading each field begins."""
+"""Places where the fields of a reading begin."""
 
 
-class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, frozen=True):
-    """A scanning sonar. The head turns about the sensor's z, from x towards y. `rate_hz` at most: a ping waits until the last one is over.
+class ScanningSonarConfig(SonarTable, tag="scanning_sonar", kw_only=True, frozen=True):
+    """A scanning sonar. The head turns around the sensor's z, from x towards y.
 
     Attributes:
-        model: the sonar equation; or the paper's plain dot product of each ray with what it hits, without errors.
-        ideal: mean level without speckle, noise and wrong sound speed.
-        output: 8-bit counts on a logarithmic scale; the sound pressure (amplitude, Pa) before compression; or, of the sonar equation, the same as
-            real and imaginary part: that of the strongest sample in each bin.
-        frequency_hz, bandwidth_hz: of the sound; the bandwidth gives the resolution in range.
-        pulse_s: its length; a swept pulse longer than 1 / bandwidth is compressed, which lifts the echo by bandwidth times length.
+        model: the sonar equation; or the model of the paper, the plain dot product of each ray with the normal of what it hits, without errors.
+        output: 8-bit counts on a logarithmic scale; the sound pressure (amplitude, Pa) before compression; or, with the sonar equation, real and
+            imaginary part of the strongest sample in each bin.
         beam_width_horizontal_deg, beam_width_vertical_deg: between half-power points.
-        rays_horizontal, rays_vertical: of the fan.
-        bins: of a ping.
-        range_m: at the start; changed by the service `set`.
-        min_range_m, max_range_m: limits of the range.
-        step_deg: of the head.
+        rays_horizontal, rays_vertical: number of rays of the fan.
+        step_deg: angle of the head from ping to ping.
         sector_center_deg, sector_width_deg: the sector that the head covers, to and fro; without a width it rotates continuously.
-        source_level_db: dB re 1 uPa at 1 m.
-        noise_level_db: spectral level of the noise around, dB re 1 uPa^2/Hz.
-        cross_talk_db: direct sound of other sonars of the vehicle whose bands overlap, beside that on their axis: -40 for two side lobes of -20 dB
-            (a model); without it they are not heard.
-        tvg_spreading, tvg_limit_db: k of the time-varied gain k lg r + 2 alpha r, and the most that it gives.
+        tvg_spreading, tvg_limit_db: k of the time-varied gain k lg r + 2 alpha r, and its upper limit.
         floor_db: level (dB re 1 uPa after time-varied gain and gain) of count 0.
-        dynamic_range_db: of the 255 counts.
-        gain_db: at the start.
-        assumed_sound_speed_mps: what the device believes; default: the truth.
-        sees_own_vehicle: whether what its own vehicle consists of stands in its field; else it looks through it, wherever it is mounted.
-        overhead_s: between the end of a ping and the next one.
+        dynamic_range_db: range of the 255 counts.
+        gain_db: gain at the start.
     """
 
     message = "SonarPing"
     model: Literal["sonar_equation", "paper"] = "sonar_equation"
-    ideal: bool = False
-    output: Literal["counts", "pressure", "complex"] = "counts"
+    output: Output = "counts"
     frequency_hz: Positive = 7e5
     bandwidth_hz: Positive = 1e5
-    pulse_s: Positive = 4e-4
     beam_width_horizontal_deg: Annotated[float, Meta(gt=0, le=60)] = 3.0
     beam_width_vertical_deg: Annotated[float, Meta(gt=0, le=80)] = 30.0
     rays_horizontal: Annotated[int, Meta(ge=1, le=200)] = 13
     rays_vertical: Annotated[int, Meta(ge=1, le=1000)] = 71
     bins: Annotated[int, Meta(ge=8, le=4096)] = 400
     range_m: Positive = 30.0
-    min_range_m: Positive = 1.0
     max_range_m: Positive = 75.0
     step_deg: Annotated[float, Meta(gt=0, le=30)] = 1.8
     sector_center_deg: float = 0.0
     sector_width_deg: Positive | UnsetType = UNSET
     source_level_db: float = 200.0
-    noise_level_db: float = 42.0
-    cross_talk_db: Annotated[float, Meta(ge=-200, le=0)] | UnsetType = UNSET
     tvg_spreading: NonNegative = 30.0
     tvg_limit_db: NonNegative = 60.0
     floor_db: float = 120.0
     dynamic_range_db: Positive = 80.0
     gain_db: Annotated[float, Meta(ge=-60, le=60)] = 0.0
-    assumed_sound_speed_mps: Positive | UnsetType = UNSET
-    sees_own_vehicle: bool = False
     overhead_s: NonNegative = 0.01
 
     def __post_init__(self) -> None:
-        """ValueError where keys do not go together."""
-        if not self.min_range_m <= self.range_m <= self.max_range_m:
-            raise ValueError(
-                f"range_m is {self.range_m:g}, the sonar takes {self.min_range_m:g} to {self.max_range_m:g}"
-            )
+        """Raise ValueError if keys contradict each other."""
+        super().__post_init__()
         if self.model == "paper" and self.output == "complex":
             raise ValueError('model "paper" knows no phase: output "complex" needs model "sonar_equation"')
         if self.sector_width_deg is not UNSET and rad(self.sector_width_deg) > 2.0 * math.pi:
             raise ValueError("sector_width_deg is more than a full turn: leave it out for continuous rotation")
 
     def traits(self) -> Traits:
-        """The sector over which its head turns."""
+        """Return its stages of compiled code, the sector over which its head turns, and the size of a ping."""
         centre = rad(self.sector_center_deg)
         half = math.pi if isinstance(self.sector_width_deg, UnsetType) else 0.5 * rad(self.sector_width_deg)
         fan = FanView(
@@ -129,27 +101,6 @@ class ScanningSonarConfig(SensorTable, tag="scanning_sonar", kw_only=True, froze
 
     def build(self, mount: Pose) -> ScanningSonar:
         return ScanningSonar(mount, self)
-
-
-class SonarSettings(Settings, frozen=True):
-    """See `ScanningSonarConfig`; angles in rad."""
-
-    range: Distance
-    gain: Gain
-    step: Step
-    sector_center: SectorCenter
-    sector_width: SectorWidth
-
-
-class SonarMemory(Memory):
-    """Attributes:
-    ready: time of the next ping, s.
-    index: step of the head, from 0.
-    sense: whether it turns back (-1) or on (1)."""
-
-    ready: Time = 0.0
-    index: Index = 0
-    sense: Sense = 1
 
 
 _RECORD = record(
@@ -169,28 +120,26 @@ _RECORD = record(
 def aim(
     head: Any, row: Any, now: Array, t: float, origin: Array, direction: Array, count: int
 ) -> tuple[int, float]:  # fmt: skip
-    """The fans; none while the last ping is not over, or in the air."""
-    if t < row.m.ready - 1e-6:
-        head.ready = 0
+    """Turn the head, and lay the rays of the fan if the sonar is under water; nothing while the last ping is not over."""
+    if is_busy(head, row, t):
         return count, 0.0
-    R = np.empty((3, 3))
     row.angle, row.m.index, row.m.sense = step_on(row.step, row.center, row.width, row.m.index, row.m.sense)
     p, row.wet = p_NS(head, now), 0
-    if submergence(now, p, t) > 0.0:
-        row.wet, begin, block = 1, count, block_of(row)
-        axes(q_NS(head, now), row.angle, R)
-        count = cast_fan(block.direction, R, p, count, origin, direction)
-        block.towards[:] = direction[begin:count]
-        c, believed = sound_speed(head, row, now, p[2])
-        return count, farthest(row, believed / c)
-    return count, 0.0
+    if submergence(now, p, t) <= 0.0:
+        return count, 0.0
+    row.wet, begin, block, R = 1, count, block_of(row), np.empty((3, 3))
+    axes(q_NS(head, now), row.angle, R)
+    count = cast_fan(block.direction, R, p, count, origin, direction)
+    block.towards[:] = direction[begin:count]
+    c, believed = sound_speed(head, row, now, p[2])
+    return count, farthest(row, believed / c)
 
 
 @entry
 def refine(
     heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
 ) -> float:  # fmt: skip
-    """More rays where those of a fan have met something thin. What these have met is kept in the block of each."""
+    """Lay finer rays where those of a fan have hit something thin. What the fan has hit is kept in the block of its sonar."""
     count, begin, reach, R = 0, first[0], 0.0, np.empty((3, 3))
     for n, k in enumerate(due):
         end, head = first[n + 1], heads[k]
@@ -199,11 +148,11 @@ def refine(
             row, p = rows[head.row], p_NS(head, now)
             block, mine, (c, believed) = block_of(row), part_of(hits, begin, end), sound_speed(head, row, now, p[2])
             limit = farthest(row, believed / c)
-            see(submergence(now, p, t), block.towards, limit, mine)
+            hit_surface(submergence(now, p, t), block.towards, limit, mine)
             met = keep(mine, block)
             if row.paper == 0:
                 axes(q_NS(head, now), row.angle, R)
-                # Directions that lie there are those of other fans, which their blocks keep.
+                # This overwrites directions of fans whose sonars come later. Their blocks have copies.
                 new = direction[count:]
                 made = sharpen(row.columns, row.rows, block, block.towards, met, block.cuts, new, block.finer)
                 for i in range(made):
@@ -218,7 +167,7 @@ def refine(
 
 @compiled
 def _hear_nothing(row: Any, sound: Array, bins: Array) -> None:
-    """Of a ping in the air."""
+    """Write the bins of a ping in the air: missing values."""
     sound[:] = MISSING
     if row.output == COUNTS:
         bins.view(np.int64)[:] = NO_INT
@@ -230,7 +179,7 @@ def _hear_nothing(row: Any, sound: Array, bins: Array) -> None:
 def measure(
     head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
 ) -> None:  # fmt: skip
-    """The echoes of a ping, or noise alone in the air."""
+    """Read the echoes of a ping; without values in the air."""
     out[ANGLE], out[RANGE], out[GAIN] = row.angle, row.reach, row.gain
     place = head.shadow * row.bins
     sound, bins, head.valid = block_of(row).sound[place : place + row.bins], out[BINS:], row.wet
@@ -246,13 +195,13 @@ def measure(
 
 
 class ScanningSonar(BankSonar):
-    """One row of a sonar picture a ping."""
+    """Gives one row of a sonar picture a ping."""
 
     doc = "Scanning sonar: the echoes of one ping over range, and where the head pointed; each ping from the pose at its start."
     bank = Bank(_RECORD, ray_loop(measure), (aim_loop(aim), refine), acts=True)
     random = ("noise",)
-    memory_type = SonarMemory
-    settings: SonarSettings
+    memory_type = HeadMemory
+    settings: HeadSettings
 
     def __init__(self, mount: Pose, config: ScanningSonarConfig) -> None:
         self._config = self.table = config
@@ -263,16 +212,16 @@ class ScanningSonar(BankSonar):
         self._block, n = self._lay_out(), config.rays_horizontal * config.rays_vertical
         self.rays = n if config.model == "paper" else max(n, room_for(n))
         self.exact, self.sees_own = config.ideal, config.sees_own_vehicle
-        self.fields, self.arguments = _fields(config), _arguments(config)
+        self.fields, self.arguments = _fields(config), (*ping_arguments(config), *head_arguments(1e-3))
         step, middle = rad(config.step_deg), rad(config.sector_center_deg)
         sector = 2.0 * math.pi if config.sector_width_deg is UNSET else rad(config.sector_width_deg)
-        super().__init__(mount, SonarSettings(config.range_m, config.gain_db, step, middle, sector))
+        super().__init__(mount, HeadSettings(config.range_m, config.gain_db, step, middle, sector))
 
     def _lay_out(self) -> Block:
-        """What its rays need."""
+        """Return the block of arrays that its rays need."""
         config, is_paper = self._config, self._config.model == "paper"
         level = 10.0 ** (0.1 * config.source_level_db) * max(1.0, config.bandwidth_hz * config.pulse_s)
-        columns, rows, cover = config.rays_horizontal, config.rays_vertical, 1.0 if is_paper else _FLANKS
+        columns, rows, cover = config.rays_horizontal, config.rays_vertical, 1.0 if is_paper else FLANKS
         fan, n = Fan(self._width, self._height, columns, rows, cover, level, not is_paper), columns * rows
         return Block(
             cells=fan.cells, direction=fan.direction, towards=np.empty((n, 3)), **no_hits(n)._asdict(), place=fan.place, area=fan.area,
@@ -282,25 +231,22 @@ class ScanningSonar(BankSonar):
 
     def fill(self, row: Any) -> None:
         c, s = self._config, self.settings
-        aperture = 0.886 * 1500.0 / (c.frequency_hz * self._width)
-        row["block"], row["bins"], row["output"] = self._block.address, c.bins, _OUTPUTS.index(c.output)
-        row["columns"], row["rows"], row["paper"] = c.rays_horizontal, c.rays_vertical, c.model == "paper"
-        row["reach"], row["gain"], row["step"] = s.range, s.gain, s.step
-        row["center"], row["width"] = s.sector_center, s.sector_width
-        row["frequency"], row["bandwidth"], row["overhead"] = c.frequency_hz, c.bandwidth_hz, c.overhead_s
-        row["speed"], row["noise"] = assumed_speed(c), math.sqrt(self._noise)
-        row["hears"] = c.cross_talk_db is not UNSET
-        row["relative"] = 0.0 if c.cross_talk_db is UNSET else c.cross_talk_db
-        row["spreading"], row["most_gain"] = c.tvg_spreading, c.tvg_limit_db
-        row["floor"], row["steps"] = c.floor_db, FULL_SCALE / c.dynamic_range_db
-        row["fade_length"], row["fade_angle"] = 0.5 * aperture, 0.8 * self._width
+        row["fade_length"], row["fade_angle"] = fade_of(self._width, c.frequency_hz)
+        fill_row(
+            row, block=self._block.address, bins=c.bins, output=get_args(Output).index(c.output), columns=c.rays_horizontal,
+            rows=c.rays_vertical, paper=c.model == "paper", reach=s.range, gain=s.gain, step=s.step, center=s.sector_center,
+            width=s.sector_width, frequency=c.frequency_hz, bandwidth=c.bandwidth_hz, overhead=c.overhead_s,
+            speed=assumed_speed(c), noise=math.sqrt(self._noise), hears=c.cross_talk_db is not UNSET,
+            relative=0.0 if c.cross_talk_db is UNSET else c.cross_talk_db, spreading=c.tvg_spreading,
+            most_gain=c.tvg_limit_db, floor=c.floor_db, steps=FULL_SCALE / c.dynamic_range_db,
+        )  # fmt: skip
 
     def turn_on_row(self, memory: Any) -> None:
-        """Ready at once, at the first step."""
+        """Make the sonar ready at once, with its head at the first step."""
         memory["sense"] = 1
 
     def loose(self, *, exactly: bool) -> tuple[Value, ...]:
-        """The bins of complex echoes."""
+        """Return the bins of complex echoes."""
         if self._config.output != "complex":
             return ()
         sound = self._block.arrays["sound"].reshape(2, self._config.bins, 2)[int(exactly)]
@@ -319,13 +265,4 @@ def _fields(config: ScanningSonarConfig) -> tuple[Field, ...]:
         Field("range", "m", "distance at the end of the last bin"),
         Field("gain", "dB", "gain of this ping"),
         bins,
-    )
-
-
-def _arguments(config: ScanningSonarConfig) -> tuple[Argument, ...]:
-    low, high = config.min_range_m, config.max_range_m
-    return (
-        Argument("range", "float", "distance at the end of the last bin", "m", False, minimum=low, maximum=high),
-        Argument("gain", "float", "added to the level before compression", "dB", False, minimum=-60, maximum=60),
-        *head_arguments(1e-3),
     )

@@ -1,4 +1,4 @@
-"""Sounding: from the echoes of narrow beams to ranges, with amplitude and quality."""
+"""Sounding: from the echoes that narrow beams hear to ranges, with level and quality."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ import numpy as np
 import numpy.typing as npt
 
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
-from uwserver.sensors.acoustic.imaging import columns, soundings, speckle
+from uwserver.sensors.acoustic.imaging import soundings
+from uwserver.sensors.acoustic.imaging.echoes import DECIBEL
 from uwserver.sensors.acoustic.imaging.swath import Plane
-from uwserver.sensors.acoustic.receiver import Noise, Ranges, received
+from uwserver.sensors.acoustic.receiver import Noise, Ranges, received, waves_of
 from uwserver.sensors.voices import END, FIRST
 
 _OTHER = 1 << 63
-"""Beside the numbers that are drawn for pings."""
-_DECIBEL = 0.1 * math.log(10.0)
-
+"""Bit that no number of a ping has: it tells the noise of the difference of both halves of the array from the noise of their sum."""
 
 Methods = npt.NDArray[np.uint8]
 Apart = Callable[[IntArray], tuple[Plane, int]]
-"""The difference of both halves of an array, (2, beams, some gates), in `spans` of gates of each beam, (beams, 2); and the first of its gates."""
+"""Takes `spans` (beams, 2), the gates that count in each beam. Returns the difference of both halves of the array in these gates, (2, beams, some
+gates), and the number of its first gate."""
 
 
 class Soundings(NamedTuple):
     """What was found in each beam.
 
     Attributes:
-        place: gates from the start, NaN where there is no echo.
+        place: middle of the echo, gates from the start; NaN if there is no echo.
         level: mean intensity in the echo, uPa^2.
         hits: gates in it that are above the threshold.
-        quality: part of the echo that is no noise, 0 to 1.
-        method: uint8, of `soundings`: how the place was found.
+        quality: part of the echo that is not noise, 0 to 1.
+        method: uint8, how the place was found, see `soundings`.
     """
 
     place: FloatArray
@@ -48,8 +48,8 @@ class Array(NamedTuple):
 
     Attributes:
         pattern, power: (beams, columns) amplitude and power.
-        bands: of `soundings.bands`.
-        apart: (beams, columns) of `array.difference`; None of one that does not compare its halves.
+        bands: as `soundings.bands` returns them.
+        apart: (beams, columns) of `array.difference`; None for an array that does not compare its halves.
     """
 
     pattern: Plane
@@ -58,8 +58,10 @@ class Array(NamedTuple):
     apart: Plane | None = None
 
 
-def listen(energy: FloatArray, ranges: Ranges, noise: Noise | None, directivity: float, array: Array) -> Plane:
-    """What narrow beams hear, without their far side lobes.
+def listen(
+    energy: FloatArray, ranges: Ranges, noise: Noise | None, directivity: float, array: Array
+) -> tuple[Plane, Apart | None]:
+    """Return what narrow beams hear, without their far side lobes, and the function that compares both halves of the array.
 
     Args:
         energy: (columns, gates) mean intensity of the echoes, uPa^2.
@@ -69,71 +71,53 @@ def listen(energy: FloatArray, ranges: Ranges, noise: Noise | None, directivity:
         array: how the beams hear the columns.
 
     Returns:
-        (2, beams, gates) real and imaginary part, uPa; without noise (1, beams, gates) intensity, uPa^2.
+        (2, beams, gates) real and imaginary part, uPa; without noise (1, beams, gates) intensity, uPa^2. And the function, None without noise or
+        for an array that does not compare its halves.
     """
-    if noise is None:
-        mean: Plane = energy.astype(np.float32)[None]
-        heard = _beams(mean, array.power, array.bands)
-        received(heard, ranges, None, directivity)
-        return heard
-    heard = _beams(_waves(energy, noise), array.pattern, array.bands)
-    received(heard, ranges, noise, directivity)
-    return heard
-
-
-def listen_apart(
-    energy: FloatArray, ranges: Ranges, noise: Noise, directivity: float, array: Array
-) -> tuple[Plane, Apart | None]:
-    """What narrow beams hear as of `listen`, and what makes the difference of both halves of the array, where it compares them."""
-    waves = _waves(energy, noise)
-    together = _beams(waves, array.pattern, array.bands)
+    waves, whole = waves_of(energy, noise), np.array(((0, energy.shape[1]),) * len(array.bands))
+    together = _beams(waves, array.power if noise is None else array.pattern, array.bands, whole, 0, energy.shape[1])
     received(together, ranges, noise, directivity)
-    if array.apart is None:
+    if noise is None or array.apart is None:
         return together, None
-    pattern = array.apart
+    pattern, own = array.apart, noise
 
     def apart(spans: IntArray) -> tuple[Plane, int]:
-        # A gate hears those about it, as long as the pulse is.
+        # As the pulse is several gates long, a gate hears those around it.
         more, seen = math.ceil(ranges.gates.window) + 1, spans[:, 1] > spans[:, 0]
         around = np.where(seen[:, None], np.clip(spans + np.array((-more, more)), 0, energy.shape[1]), 0)
         start, end = (int(around[seen, 0].min()), int(around[:, 1].max())) if seen.any() else (0, 0)
-        heard = np.empty((2, len(spans), end - start), np.float32)
-        for plane, wave in enumerate(waves):
-            soundings.form_bands(pattern, array.bands, wave, around, start, heard[plane])
-        # The noise of the halves is independent, and so is that of their sum and of their difference.
-        bursts = noise.bursts.copy()
+        heard = _beams(waves, pattern, array.bands, around, start, end)
+        # The noise of both halves is independent, and therefore also the noise of their sum and of their difference.
+        bursts = own.bursts.copy()
         bursts[:, [FIRST, END]] = np.maximum(bursts[:, [FIRST, END]] - start, 0.0)
-        received(heard, ranges, noise._replace(number=noise.number | _OTHER, bursts=bursts), directivity)
+        received(heard, ranges, own._replace(number=own.number | _OTHER, bursts=bursts), directivity)
         return heard, start
 
     return together, apart
 
 
-def _waves(energy: FloatArray, noise: Noise) -> Plane:
-    """(2, columns, gates) of each column with its speckle."""
-    waves = np.empty((2, *energy.shape), np.float32)
-    columns.scatter(energy, np.uint64(noise.key), noise.faded, noise.share, speckle.PHASORS, waves)
-    return waves
-
-
-def _beams(waves: Plane, pattern: Plane, bands: IntArray) -> Plane:
-    sound = np.empty((len(waves), len(bands), waves.shape[2]), np.float32)
-    whole = np.array(((0, waves.shape[2]),) * len(bands))
+def _beams(waves: Plane, pattern: Plane, bands: IntArray, spans: IntArray, start: int, end: int) -> Plane:
+    """Return (planes, beams, end - start) sums of the columns in the spans (beams, 2) of gates; see `soundings.form_bands`."""
+    sound = np.empty((len(waves), len(bands), end - start), np.float32)
     for plane, wave in enumerate(waves):
-        soundings.form_bands(pattern, bands, wave, whole, 0, sound[plane])
+        soundings.form_bands(pattern, bands, wave, spans, start, sound[plane])
     return sound
 
 
 def blanked(sound: Plane, least: float, gate: float) -> None:
-    """Silence what comes from nearer than a device listens: `least` (m), of gates of so many metres."""
+    """Silence, in place, what comes from nearer than `least` (m); `gate`: length of a gate, m."""
     sound[:, :, : math.ceil(least / gate - 0.5)] = 0.0
 
 
 def thresholds(ranges: Ranges, directivity: float, alpha: float, threshold_db: float) -> tuple[float, float, float]:
-    """Of a ping (see `sound_out`): mean noise in a gate, once the pulse is as long as it is, and what counts as an echo, uPa^2; and what of intensity
-    is lost from gate to gate by absorption (as of exp)."""
+    """Return the levels against which echoes of a ping are measured. Arguments as of `sound_out`.
+
+    Returns:
+        Mean noise in a gate after the pulse has its full length, uPa^2; least intensity of an echo, uPa^2; and the exponent of the loss of
+        intensity by absorption from gate to gate.
+    """
     around = max(ranges.noise * ranges.gates.window / directivity, 1e-300)
-    return around, around * 10.0 ** (0.1 * threshold_db), 2.0 * _DECIBEL * alpha / ranges.gates.per_metre
+    return around, around * 10.0 ** (0.1 * threshold_db), 2.0 * DECIBEL * alpha / ranges.gates.per_metre
 
 
 def sound_out(
@@ -142,12 +126,12 @@ def sound_out(
     """Find the echo of each beam.
 
     Args:
-        sound: of `listen`.
+        sound: as `listen` returns it.
         bins: gates that count.
         ranges, directivity: of the ping.
-        alpha: absorption, dB/m, for which weights make up: far parts of an echo are not less.
-        threshold_db: above the mean noise, for a gate to count.
-        apart: of `listen_apart`; without it phases tell nothing.
+        alpha: absorption, dB/m. Weights make up for it, so that the far part of an echo counts as much as the near part.
+        threshold_db: level above the mean noise from which on a gate counts.
+        apart: as `listen` returns it; without it phases are not used.
     """
     beams = sound.shape[1]
     around, least, loss = thresholds(ranges, directivity, alpha, threshold_db)

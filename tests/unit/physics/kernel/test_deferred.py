@@ -108,7 +108,7 @@ def _kinds(folder: str) -> list[str]:
 def test_sensors_modifiers_and_scenarios_are_read_without_numba_which_is_there_once_a_kernel_is_made():
     """It costs half a second, which a command line that only reads tables must not pay."""
     sensors, modifiers = _kinds("sensors"), _kinds("modifiers")
-    assert "uwserver.sensors.acoustic.dvl" in sensors
+    assert "uwserver.sensors.acoustic.doppler.dvl" in sensors
     assert "uwserver.modifiers.chain" in modifiers
     modules = [*sensors, *modifiers, "uwserver.testing", "uwserver.scenario.load.scenario"]
     code = (

@@ -19,7 +19,7 @@ from uwserver.sensors import (
     ScanningSonarConfig,
     UsblConfig,
 )
-from uwserver.sensors.acoustic.interrogation import Beacon
+from uwserver.sensors.acoustic.positioning.interrogation import Beacon
 
 
 def test_a_dvl_has_its_beams_about_the_axis() -> None:

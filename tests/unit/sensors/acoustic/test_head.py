@@ -9,7 +9,7 @@ import pytest
 
 from uwserver.frames import IDENTITY, quat_from_rpy
 from uwserver.sensors.acoustic.head import axes, head_arguments, step_on
-from uwserver.sensors.acoustic.imaging.fan_rays import turn
+from uwserver.sensors.acoustic.imaging.blocks import turn
 
 
 def steps(count: int, **sector: float) -> list[float]:

@@ -16,8 +16,8 @@ from uwserver.environment.sea import Sea
 from uwserver.environment.water import Water
 from uwserver.physics.kernel.layout import PROFILE_SIZE, WAVE_AMPLITUDE, WAVE_SIZE, SeaRows
 from uwserver.sensors import LblConfig, UsblConfig
-from uwserver.sensors.acoustic.interrogation import Beacon
 from uwserver.sensors.acoustic.link import Link, boundaries
+from uwserver.sensors.acoustic.positioning.interrogation import Beacon
 from uwserver.testing import FakeGeometry
 from uwserver.testing.fake_geometry import Plane, Sphere
 

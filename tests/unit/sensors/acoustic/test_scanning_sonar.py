@@ -1,7 +1,7 @@
 """The scanning sonar: levels against the closed sonar equation, speckle against Rayleigh, the paper's picture ray by ray, and the head.
 
-Also of uwserver.sensors.acoustic.scan, uwserver.sensors.acoustic.imaging.fan_rays, uwserver.sensors.acoustic.imaging.blocks and
-uwserver.sensors.acoustic.imaging.laid.
+Also of uwserver.sensors.acoustic.scan, uwserver.sensors.acoustic.imaging.blocks and
+uwserver.sensors.acoustic.imaging.block_arrays.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from uwserver.frames import quat_from_rpy, rotate
 from uwserver.physics.geometry.shapes import Box, Cylinder, Placed, Solid
 from uwserver.physics.rays.casting import Rays
 from uwserver.sensors import Pose, ScanningSonarConfig
-from uwserver.sensors.acoustic.scanning_sonar import SonarMemory
+from uwserver.sensors.acoustic.head import HeadMemory
 from uwserver.testing import FakeGeometry, check_sensor
 from uwserver.testing.fake_geometry import Plane, Sphere
 from uwserver.testing.sensors import scopes
@@ -123,7 +123,7 @@ def pings(config, shapes, count, facing, seed=0):
     """Bins of pings from places 5 m apart along the bottom: none sees the speckle of another."""
     sonar = built(config, seed=seed)
     for k in range(count):
-        sonar.memory = SonarMemory()
+        sonar.memory = HeadMemory()
         yield np.array(sonar.sense(facing(*shapes, p_NB=(3.0 * k, 4.0 * k, DEEP))).values[3])
 
 
@@ -234,7 +234,7 @@ def test_a_pile_of_5_cm_is_seen_in_every_bearing_at_one_level(scope, r, half_len
         instant = among(
             scope, Cylinder(0.025, half_length), (r, 0.0, DEEP), UPRIGHT, q_NB=quat_from_rpy(0.0, 0.0, rad(bearing))
         )
-        sonar.memory = SonarMemory()
+        sonar.memory = HeadMemory()
         echo = max(sonar.sense(instant).values[3]) * 1e6
         levels.append(20.0 * math.log10(echo) - 20.0 * math.log10(one_way(rad(bearing), rad(3.0))))
     mean = 10.0 * math.log10(np.mean(10.0 ** (0.1 * np.array(levels))))
@@ -351,7 +351,7 @@ def test_noise_is_that_of_the_ping(facing):
     rows = []
     for each in (sonar, sonar, again):
         number = len(rows) % 2
-        each.memory = SonarMemory()
+        each.memory = HeadMemory()
         each.begin(number)
         rows.append(each.sense(facing()).values[3])
     assert rows[0] == rows[2]
@@ -460,7 +460,7 @@ def test_settings_change_picture_and_sector(facing):
     wall = facing(Plane((12.0, 0.0, 0.0), (-1.0, 0.0, 0.0)))
     before = int(np.argmax(sonar.sense(wall).values[3]))
     sonar.change({"range": 15.0, "sector_width": 0.5, "sector_center": 0.0, "step": 0.25})
-    sonar.memory = SonarMemory(index=1)
+    sonar.memory = HeadMemory(index=1)
     reading = sonar.sense(wall)
     assert reading.values[:2] == [0.0, 15.0]
     assert int(np.argmax(reading.values[3])) == pytest.approx(2 * before, abs=2)

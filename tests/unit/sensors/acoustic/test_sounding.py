@@ -7,7 +7,7 @@ import pytest
 
 from uwserver.sensors.acoustic.imaging import speckle
 from uwserver.sensors.acoustic.receiver import Noise, Pulse, ranges
-from uwserver.sensors.acoustic.sounding import Array, blanked, listen, listen_apart, sound_out
+from uwserver.sensors.acoustic.sounding import Array, blanked, listen, sound_out
 
 PULSE = Pulse(200.0, 1e-4, 3e4, 40.0)
 RANGES = ranges(50.0, 500, 1500.0, 1.0, PULSE)
@@ -25,7 +25,7 @@ def noise(number: int = 1) -> Noise:
 
 def test_noise_is_that_of_the_band_and_the_beam() -> None:
     """Spectral level times bandwidth over directivity, in the resolution of the pulse."""
-    heard = listen(np.zeros((64, GATES)), RANGES, noise(), 10.0, EACH)[:, :, 20:-20]
+    heard = listen(np.zeros((64, GATES)), RANGES, noise(), 10.0, EACH)[0][:, :, 20:-20]
     # A bin of 0.1 m is coarser than the pulse: the receiver filters to 7.5 kHz.
     assert np.mean(heard[0] ** 2 + heard[1] ** 2) == pytest.approx(1e4 * 7.5e3 / 10.0, rel=0.05)
 
@@ -33,7 +33,7 @@ def test_noise_is_that_of_the_band_and_the_beam() -> None:
 def test_noise_alone_is_hardly_ever_an_echo_and_an_echo_is_one() -> None:
     energy = np.zeros((64, GATES))
     energy[:32, 200:203] = 1e3 * RANGES.noise
-    heard = listen(energy, RANGES, noise(), 10.0, EACH)
+    heard, _ = listen(energy, RANGES, noise(), 10.0, EACH)
     found = sound_out(heard, 500, RANGES, 10.0, 0.01, 14.0)
     assert found.place[:32] == pytest.approx(201.5, abs=2.0)
     assert found.quality[:32].min() > 0.9
@@ -45,7 +45,7 @@ def test_without_noise_the_mean_is_heard_by_power() -> None:
     energy = np.zeros((4, GATES))
     energy[1, 100] = 8.0
     pattern = np.array([[0.0, 0.5, 0.0, 0.0]], np.float32)
-    heard = listen(energy, RANGES, None, 1.0, Array(pattern, pattern**2, np.array([[1, 2]])))
+    heard, _ = listen(energy, RANGES, None, 1.0, Array(pattern, pattern**2, np.array([[1, 2]])))
     assert heard.shape == (1, 1, GATES)
     assert heard.max() == pytest.approx(2.0)
 
@@ -65,11 +65,11 @@ def test_sum_and_difference_have_the_same_noise_apart_and_the_same_echo() -> Non
     energy = np.zeros((1, GATES))
     energy[0, 100:103] = 1e6 * RANGES.noise
     array = Array(pattern, pattern**2, bands, apart)
-    both, difference = listen_apart(energy, RANGES, noise(), 10.0, array)
+    both, difference = listen(energy, RANGES, noise(), 10.0, array)
     assert difference is not None
     other, start = difference(np.array([[0, GATES]] * 40))
     assert (start, other.shape) == (0, both.shape)
-    assert np.array_equal(both, listen(energy, RANGES, noise(), 10.0, array))
+    assert np.array_equal(both, listen(energy, RANGES, noise(), 10.0, array)[0])
     quiet = slice(200, GATES - 20)
     powers = [np.mean(sound[0, :, quiet] ** 2 + sound[1, :, quiet] ** 2) for sound in (both, other)]
     assert powers == pytest.approx([1e4 * 7.5e3 / 10.0] * 2, rel=0.06)
@@ -77,7 +77,7 @@ def test_sum_and_difference_have_the_same_noise_apart_and_the_same_echo() -> Non
     assert other[:, :, 101] == pytest.approx(
         -0.5 * both[:, :, 101], rel=0.05, abs=0.02 * float(np.abs(both[:, :, 101]).max())
     )
-    assert listen_apart(energy, RANGES, noise(), 10.0, array._replace(apart=None))[1] is None
+    assert listen(energy, RANGES, noise(), 10.0, array._replace(apart=None))[1] is None
     some, start = difference(np.array([[0, 0]] + [[90, 110]] * 39))
     assert start < 90 < 110 < start + some.shape[2] < start + 30
     echo = slice(101 - start, 102 - start)

@@ -1,2 +1,4 @@
-"""What every sonar that draws pictures is made of, arrays in, arrays out: a fan of rays, rays that are added where thin things stand, echoes over
-range, speckle, and the bins. It knows no sensor and no world."""
+"""What all imaging sonars need, arrays in and arrays out: rays, finer rays at thin things, echoes over range, speckle, beams and bins.
+
+Nothing here knows a sensor or a world.
+"""

@@ -13,53 +13,52 @@ import numpy.typing as npt
 from uwserver.physics.kernel.arrays import FloatArray
 
 Taper = Literal["none", "cosine", "hamming"]
-"""How the elements are weighted: side lobes of 13.3, 23.0 and 42.7 dB."""
+"""How the elements are weighted; the side lobes are 13.3, 23.0 and 42.7 dB down."""
 MOST_ELEMENTS = 4096
 _WEIGHTS: dict[Taper, tuple[tuple[float, float], ...]] = {
     "none": ((0.0, 1.0),),
     "cosine": ((1.0, 0.5), (-1.0, 0.5)),
     "hamming": ((0.0, 0.54), (2.0, 0.23), (-2.0, 0.23)),
 }
-"""A weight is the sum of a cos(pi s x), x from -1/2 to 1/2 over the array: shifts s and amplitudes a."""
+"""Shifts s and amplitudes a of each taper. The weight of an element is the sum of a cos(pi s x), with x from -1/2 to 1/2 over the array."""
 _ON_AXIS = 1e-9
 _BLOCK = 1 << 18
 
 
 def response(taper: Taper, elements: int, off: FloatArray) -> FloatArray:
-    """Amplitude of a beam, 1 on its axis, for sound that comes from elsewhere.
+    """Return the amplitude of a beam for sound from off its axis; it is 1 on the axis.
 
     Args:
         taper, elements: of the array.
         off: sine of the angle of the sound minus that of the beam, of any shape.
     """
-    result: FloatArray = np.zeros(off.shape)
-    for shift, amplitude in _WEIGHTS[taper]:
-        result += amplitude * _untapered(elements, off + shift / elements)
-    result /= _at_axis(taper, elements)
-    return result
+    return _tapered(_untapered, taper, elements, off)
 
 
 def difference(taper: Taper, elements: int, off: FloatArray) -> FloatArray:
-    """What the right half of the array hears less what the left half does, a quarter of a period late and on the scale of `response`: 0 on the axis,
-    and positive for sound from the right. `response` and this are the parts of one half alone, whose phases are opposite.
+    """Return what the right half of the array hears minus what the left half hears, a quarter of a period late, on the scale of `response`.
+
+    It is 0 on the axis and positive for sound from the right. `response` and this are real and imaginary part of one half alone; the phases of the
+    halves are opposite.
 
     Args:
         taper, elements: of the array.
-        off: as of `response`.
+        off: as for `response`.
     """
+    return _tapered(_odd, taper, elements, off)
+
+
+def _tapered(of: Callable[[int, FloatArray], FloatArray], taper: Taper, elements: int, off: FloatArray) -> FloatArray:
+    """Return the weighted sum of a function of an untapered array, relative to the amplitude on the axis."""
     result: FloatArray = np.zeros(off.shape)
     for shift, amplitude in _WEIGHTS[taper]:
-        result += amplitude * _odd(elements, off + shift / elements)
-    result /= _at_axis(taper, elements)
+        result += amplitude * of(elements, off + shift / elements)
+    result /= sum(a * _untapered(elements, np.array([shift / elements]))[0] for shift, a in _WEIGHTS[taper])
     return result
 
 
-def _at_axis(taper: Taper, elements: int) -> float:
-    return float(sum(a * _untapered(elements, np.array([shift / elements]))[0] for shift, a in _WEIGHTS[taper]))
-
-
 def _odd(elements: int, off: FloatArray) -> FloatArray:
-    """Sum over the elements of sin(pi |place| off), their places as of `_untapered` (the conjugate of Dirichlet's kernel)."""
+    """Return the sum over the elements of sin(pi |place| off), with places as in `_untapered` (the conjugate Dirichlet kernel)."""
     half = 0.5 * math.pi * off
     below = np.sin(half)
     near = np.abs(below) < _ON_AXIS
@@ -73,8 +72,8 @@ def _odd(elements: int, off: FloatArray) -> FloatArray:
 
 
 def _untapered(elements: int, off: FloatArray) -> FloatArray:
-    """Sum over the elements of cos(pi place off), their places being whole numbers about the middle of the array (Dirichlet's kernel)."""
-    lobe = np.round(0.5 * off)  # grating lobes are two sines apart: about each its sines are exact
+    """Return the sum over the elements of cos(pi place off), with places one apart around the middle of the array (the Dirichlet kernel)."""
+    lobe = np.round(0.5 * off)  # grating lobes are 2 apart in sine: counted from the nearest one, small sines are exact
     half = 0.5 * math.pi * (off - 2.0 * lobe)
     below = np.sin(half)
     near = np.abs(below) < _ON_AXIS
@@ -86,7 +85,7 @@ def _untapered(elements: int, off: FloatArray) -> FloatArray:
 
 @cache
 def _spread(taper: Taper) -> float:
-    """Width between half-power points of a large array, in sines, times its elements."""
+    """Return the width between half-power points of a large array, in sines, times its number of elements."""
     n = 1000
     low, high = 0.0, 4.0 / n
     for _ in range(40):
@@ -96,14 +95,14 @@ def _spread(taper: Taper) -> float:
 
 
 def elements(taper: Taper, width: float) -> int:
-    """So many make a beam of this width (rad) between half-power points, ahead; at an angle it is 1 / cos wider."""
+    """Return the number of elements that make a beam of this width (rad) between half-power points ahead; at an angle it is 1 / cos wider."""
     return min(max(2, round(_spread(taper) / (2.0 * math.sin(0.5 * width)))), MOST_ELEMENTS)
 
 
 def pattern(
     taper: Taper, elements: int, beams: FloatArray, columns: FloatArray, of: Callable[[Taper, int, FloatArray], FloatArray] = response
 ) -> npt.NDArray[np.float32]:  # fmt: skip
-    """(beams, columns) float32 amplitude that each beam hears of each column, or its `difference`; angles in rad."""
+    """Return (beams, columns) float32, the `response` of each beam to each column, or its `difference`; `beams`, `columns`: angles, rad."""
     of_columns, of_beams = np.sin(columns), np.sin(beams)
     result = np.empty((len(beams), len(columns)), np.float32)
     rows = max(_BLOCK // len(columns), 1)

@@ -1,7 +1,7 @@
 """A fan of columns over range, and the beams that an array makes of it (compiled): energies, speckle, beams, noise, counts.
 
-Sound of all columns is kept in float32, as real and imaginary planes (2, columns, gates): so a processor works on eight gates at a time. Sums run in
-one order, in one thread, and are not contracted: the same bits on every machine.
+The sound of all columns is kept in float32, as real and imaginary planes (2, columns, gates), so that a processor works on eight gates at a time.
+Sums run in a fixed order and in one thread, and are not contracted, so they have the same bits on every machine.
 """
 
 from __future__ import annotations
@@ -15,22 +15,18 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.physics.kernel.random import philox
 from uwserver.physics.rays.raycast import NOTHING
-from uwserver.sensors.acoustic.imaging.speckle import BLOCK, DIRECTIONS
+from uwserver.sensors.acoustic.imaging.echoes import DECIBEL
+from uwserver.sensors.acoustic.imaging.speckle import DIRECTIONS, HALF, LOW, SIZE, add_phasors
 from uwserver.sensors.voices import add_bursts
 
-_DECIBEL = 0.1 * math.log(10.0)
 _SPECKLE, _NOISE = np.uint64(3), np.uint64(4)
-"""Second word of the counter; others are those of `speckle`."""
-_LOW, _HALF = np.uint64(0xFFFFFFFF), np.uint64(32)
-_PLACE = np.uint64((1 << 15) - 1)
-_BLOCKS = 4
-_SIZE = _BLOCKS * BLOCK
+"""Second word of the counter; `speckle` has others."""
 _MANTISSA = 12
 _LEAST_INTENSITY = np.float32(1e-30)
 
 
 def _logarithms() -> npt.NDArray[np.float32]:
-    """10 lg of 1 to 2, in the middle of each of 2^12 steps."""
+    """Return 10 lg of 1 to 2, in the middle of each of 2^12 steps."""
     count = 1 << _MANTISSA
     return (10.0 * np.log10(1.0 + (np.arange(count) + 0.5) / count)).astype(np.float32)
 
@@ -38,24 +34,24 @@ def _logarithms() -> npt.NDArray[np.float32]:
 LOGARITHMS = _logarithms()
 _OCTAVE = 10.0 * math.log10(2.0)
 _REST = 1e-12
-"""Of the largest sum of a column, what rounding may leave of it where its echoes end."""
+"""Part of the largest sum of a column that rounding may leave where its echoes end."""
 
 
 @entry
 def energies(seconds: Array, shift: float, per_metre: float, alpha: float, out: Array) -> None:
-    """Add the mean intensity that the echoes of each gate bring together, uPa^2.
+    """Add the mean intensity of all echoes in each gate, uPa^2.
 
     Args:
-        seconds: (columns, gates + 3) as `echoes.deposit_columns` leaves it.
-        shift, per_metre: of it.
+        seconds: (columns, gates + 3) as `echoes.deposit` leaves it.
+        shift, per_metre: as for `echoes.deposit`.
         alpha: absorption, dB/m.
-        out: (columns, gates), to which is added; what lies behind the last gate is lost.
+        out: (columns, gates) to which the intensities are added; what lies behind the last gate is lost.
     """
     columns, gates = out.shape
     factor = np.empty(gates)
     for k in range(gates):
         r = (k + 0.5 + shift) / per_metre
-        factor[k] = math.exp(-2.0 * _DECIBEL * alpha * r) / (r * r * r * r * r)
+        factor[k] = math.exp(-2.0 * DECIBEL * alpha * r) / (r * r * r * r * r)
     for m in range(columns):
         total = largest = 0.0
         for k in range(gates):
@@ -63,7 +59,7 @@ def energies(seconds: Array, shift: float, per_metre: float, alpha: float, out: 
                 total += seconds[m, k]
                 largest = max(largest, total)
                 if total < _REST * largest:
-                    total = 0.0  # silent gates are passed over later on
+                    total = 0.0  # so that later steps skip these gates
             if total > 0.0:
                 out[m, k] += total * factor[k]
 
@@ -72,13 +68,13 @@ def energies(seconds: Array, shift: float, per_metre: float, alpha: float, out: 
 def volume(
     emitted: Array, distance: Array, bodies: Array, strength: float, shift: float, per_metre: float, alpha: float, out: Array
 ) -> None:  # fmt: skip
-    """Add what the water itself scatters back, of those parts of each column that are free up to a gate.
+    """Add what the water itself scatters back, from those parts of each column in which no solid stands before the gate.
 
     Args:
-        emitted: (rows x columns) of CELL, the two-way pattern times solid angle and level.
-        distance, bodies: of `Hits`.
-        strength: of a cubic metre of water, 1/m, linear.
-        shift, per_metre, alpha, out: of `energies`.
+        emitted: (rows columns) of CELL: two-way pattern times solid angle and level.
+        distance, bodies: what each ray hits, as `Hits`.
+        strength: backscatter of a cubic metre of water, 1/m, linear.
+        shift, per_metre, alpha, out: as for `energies`.
     """
     columns, gates = out.shape
     free = np.zeros((columns, gates + 1))
@@ -90,7 +86,7 @@ def volume(
     factor = np.empty(gates)
     for k in range(gates):
         r = (k + 0.5 + shift) / per_metre
-        factor[k] = strength * math.exp(-2.0 * _DECIBEL * alpha * r) / (r * r * per_metre)
+        factor[k] = strength * math.exp(-2.0 * DECIBEL * alpha * r) / (r * r * per_metre)
     for m in range(columns):
         total = free[m, gates]
         for k in range(gates - 1, -1, -1):
@@ -98,37 +94,23 @@ def volume(
             total += free[m, k]
 
 
-@compiled
-def _add(
-    words: tuple[np.uint64, np.uint64, np.uint64, np.uint64], factor: float, phasors: Array, real: Array, imaginary: Array
-) -> None:  # fmt: skip
-    """Add the phasors of all blocks of four words, times a factor, to the gates (n)."""
-    f = np.float32(factor)
-    for block in range(_BLOCKS):
-        place, first = words[block] & _PLACE, block * BLOCK
-        for i in range(min(BLOCK, len(real) - first)):
-            at = place + np.uint64(i)
-            real[first + i] += f * phasors[at, 0]
-            imaginary[first + i] += f * phasors[at, 1]
-
-
 @entry
 def scatter(energy: Array, key: int, faded: Array, share: Array, phasors: Array, sound: Array) -> None:
-    """The sound of each column: echoes with the phasors of the pose, which fade as it moves (`speckle.fading`).
+    """Make the sound of each column: echoes with the phasors of the pose, which fade as it moves (`speckle.fading`).
 
     Args:
         energy: (columns, gates) mean intensity of the echoes, uPa^2.
         key: of the sensor's random numbers.
-        faded, share: of `speckle.fading`.
+        faded, share: as `speckle.fading` returns them.
         phasors: `speckle.PHASORS`.
         sound: (2, columns, gates) receives real and imaginary part, uPa.
     """
     k = np.uint64(key)
-    low, high = k & _LOW, k >> _HALF
+    low, high = k & LOW, k >> HALF
     columns, gates = energy.shape
     for m in range(columns):
-        for first in range(0, gates, _SIZE):
-            end, turn = min(first + _SIZE, gates), first // _SIZE
+        for first in range(0, gates, SIZE):
+            end, turn = min(first + SIZE, gates), first // SIZE
             counter, way = np.uint64(m) << np.uint64(16) | np.uint64(turn), (turn + 7 * m) % DIRECTIONS
             real, imaginary, silent = sound[0, m, first:end], sound[1, m, first:end], True
             for i in range(end - first):
@@ -144,7 +126,8 @@ def scatter(energy: Array, key: int, faded: Array, share: Array, phasors: Array,
                 factor = math.sin(turned) if step else math.cos(turned)
                 if factor > 0.0:
                     n = np.uint64(faded[way] + step)
-                    _add(philox(counter, _SPECKLE, n & _LOW, n >> _HALF, low, high), factor, phasors, real, imaginary)
+                    words = philox(counter, _SPECKLE, n & LOW, n >> HALF, low, high)
+                    add_phasors(words, np.float32(factor), phasors, real, imaginary)
             for i in range(end - first):
                 amplitude = np.float32(math.sqrt(energy[m, first + i]))
                 real[i] *= amplitude
@@ -153,10 +136,10 @@ def scatter(energy: Array, key: int, faded: Array, share: Array, phasors: Array,
 
 @entry
 def form_beams(pattern: Array, columns: Array, beams: Array) -> None:
-    """What the beams hear of the columns.
+    """Sum the columns that each beam hears.
 
     Args:
-        pattern: (b, c) float32, c a multiple of four.
+        pattern: (b, c) float32 amplitude or power of each column in each beam; c is a multiple of four.
         columns: (c, n) float32 of each column.
         beams: (b, n) float32 receives the sums.
     """
@@ -184,25 +167,25 @@ def add_noise(key: int, number: int, noise: float, phasors: Array, sound: Array)
         phasors: `speckle.PHASORS`.
         sound: (2, beams, gates).
     """
-    k, n, root = np.uint64(key), np.uint64(number), math.sqrt(noise)
-    low, high = k & _LOW, k >> _HALF
+    k, n, root = np.uint64(key), np.uint64(number), np.float32(math.sqrt(noise))
+    low, high = k & LOW, k >> HALF
     _, beams, gates = sound.shape
     for b in range(beams):
-        for first in range(0, gates, _SIZE):
-            end = min(first + _SIZE, gates)
-            counter = np.uint64(b) << np.uint64(16) | np.uint64(first // _SIZE)
-            words = philox(counter, _NOISE, n & _LOW, n >> _HALF, low, high)
-            _add(words, root, phasors, sound[0, b, first:end], sound[1, b, first:end])
+        for first in range(0, gates, SIZE):
+            end = min(first + SIZE, gates)
+            counter = np.uint64(b) << np.uint64(16) | np.uint64(first // SIZE)
+            words = philox(counter, _NOISE, n & LOW, n >> HALF, low, high)
+            add_phasors(words, root, phasors, sound[0, b, first:end], sound[1, b, first:end])
 
 
 @compiled
 def lengthen(sound: Array, core: int, rest: float, work: Array) -> None:
-    """Let the pulse be as long as some gates: each sample becomes the sum of those about it.
+    """Lengthen the pulse to several gates: each sample becomes the sum of those around it.
 
     Args:
         sound: (planes, beams, gates), in place.
-        core, rest: whole samples, and the factor of one more at both ends.
-        work: (gates).
+        core, rest: number of whole samples, and factor of one more sample at each end.
+        work: (gates) work space.
     """
     part = np.float32(rest)
     planes, beams, gates = sound.shape
@@ -228,15 +211,15 @@ def lengthen(sound: Array, core: int, rest: float, work: Array) -> None:
 def receive(
     noise: float, bursts: Array, key: int, number: int, window: float, phasors: Array, sound: Array
 ) -> None:  # fmt: skip
-    """What a receiver makes of the sound that its beams hear, in place: with its noise and the pings of others, of a pulse as long as it is.
+    """Add noise and the pings of other sonars to the sound that the beams hear, and lengthen the pulse to its resolution; all in place.
 
     Args:
         noise: mean intensity in a gate, uPa^2.
-        bursts: (n, 4) of `sensors.voices`.
+        bursts: (n, 4) pings of other sonars, see `sensors.voices`.
         key, number: of the sensor's random numbers, and of the ping.
-        window: gates that the resolution of the pulse is long.
+        window: gates in the resolution of the pulse.
         phasors: `speckle.PHASORS`.
-        sound: (2, beams, gates) real and imaginary part, uPa; or (1, beams, gates) mean intensity, uPa^2, to which nothing is added.
+        sound: (2, beams, gates) real and imaginary part, uPa; or (1, beams, gates) mean intensity, uPa^2, which gets neither noise nor pings.
     """
     is_mean = len(sound) == 1
     if not is_mean:
@@ -250,7 +233,13 @@ def receive(
 
 @entry
 def intensities(sound: Array, gain: Array, out: Array) -> None:
-    """(bins, beams) float32 intensity, uPa^2, of sound (2, beams, gates >= bins) after the gain (beams) of each beam's channel, by intensity."""
+    """Find the intensity of each bin and beam.
+
+    Args:
+        sound: (2, beams, gates >= bins) real and imaginary part, uPa.
+        gain: (beams) gain of each beam's channel, by intensity.
+        out: (bins, beams) float32 receives intensities, uPa^2.
+    """
     bins, beams = out.shape
     for b in range(beams):
         g = gain[b]
@@ -261,11 +250,11 @@ def intensities(sound: Array, gain: Array, out: Array) -> None:
 
 @entry
 def counts(intensity: Array, level: Array, steps: float, logarithms: Array, out: Array) -> None:
-    """8-bit counts on a logarithmic scale.
+    """Make 8-bit counts on a logarithmic scale.
 
     Args:
         intensity: (bins, beams) float32, uPa^2.
-        level: (bins) what is added to its level, dB: time-varied gain and the rest.
+        level: (bins) what is added to the level, dB: time-varied gain and constants.
         steps: counts per dB.
         logarithms: LOGARITHMS.
         out: (bins, beams) uint8 receives them.
@@ -279,6 +268,7 @@ def counts(intensity: Array, level: Array, steps: float, logarithms: Array, out:
             if intensity[k, b] < _LEAST_INTENSITY:
                 out[k, b] = 0
                 continue
+            # 10 lg from the bits of a float32: the exponent counts octaves, and the first bits of the mantissa look up the rest.
             word = bits[k, b]
             decibels = octave * np.float32((word >> 23) - 127) + logarithms[(word & 0x7FFFFF) >> (23 - _MANTISSA)]
             value = factor * decibels + offset + np.float32(0.5)

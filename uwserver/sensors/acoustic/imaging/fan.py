@@ -1,4 +1,4 @@
-"""A fan of rays: cells of equal angles about the axis of a transducer."""
+"""The rays of one beam: cells of equal angles around the axis of a transducer."""
 
 from __future__ import annotations
 
@@ -10,18 +10,20 @@ import numpy as np
 from uwserver.physics.kernel.arrays import FloatArray, Records
 
 CELL = np.dtype([("direction", "f8", 3), ("across", "f8", 3), ("along", "f8", 3), ("emitted", "f8")])
-"""A cell of a fan: unit direction of its middle in the frame of the fan; unit vectors across it, towards growing azimuth and elevation, times the
-angles that it covers; the intensity that goes into it, times its solid angle."""
+"""A cell of a fan: unit direction of its middle in the frame of the fan; unit vectors towards growing azimuth and elevation, times the angles that
+the cell covers; and the intensity that goes into it, times its solid angle."""
 FINEST = 32
-"""A cell may be cut into so many, across or along."""
-_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+"""Largest number of parts into which a cell is cut, across or along."""
+GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+FLANKS = 2.0
+"""Rays fill so many beam widths: at their edge the two-way pattern is 36 dB down."""
 
 
 class Grid(NamedTuple):
-    """Cells of equal angles about the x axis of a transducer, and their rays; row after row from below, each column after column.
+    """Cells of equal angles around the x axis of a transducer, and their rays; row after row from below, each column after column.
 
     Attributes:
-        cells, direction, place: as of `Fan`, `emitted` not filled in.
+        cells, direction, place: as in `Fan`; `emitted` is 0.
         size: width and height of a cell, rad.
         azimuth, elevation: (columns) and (rows) of the middles, rad.
     """
@@ -35,7 +37,7 @@ class Grid(NamedTuple):
 
     @classmethod
     def of(cls, width: float, height: float, columns: int, rows: int, staggered: bool = True) -> Grid:
-        """Of these angles (rad); see `Fan` for what is staggered."""
+        """Return a grid that covers these angles (rad); for `staggered` see `Fan`."""
         azimuth, da = _cells(width, columns)
         elevation, de = _cells(height, rows)
         az, el = (grid.ravel() for grid in np.meshgrid(azimuth, elevation))
@@ -45,7 +47,7 @@ class Grid(NamedTuple):
         column, row = (grid.ravel() for grid in np.meshgrid(np.arange(columns), np.arange(rows)))
         place = np.stack((column + 0.5, row + 0.5), axis=1)
         if staggered:
-            # The place across goes by the row, that along by the column.
+            # The shift across depends on the row, the shift along on the column.
             off = np.stack((_spread(rows)[row], _spread(columns)[column]), axis=1)
             place += off
             direction = _unit(az + da * off[:, 0], el + de * off[:, 1])
@@ -56,24 +58,24 @@ class Grid(NamedTuple):
         return cls(cells, direction, place, (da, de), azimuth, elevation)
 
     def areas(self, level: float = 1.0) -> FloatArray:
-        """(rows) solid angle of a cell (sr) times a level."""
+        """Return (rows) the solid angle of a cell (sr) times a level."""
         da, de = self.size
         result: FloatArray = level * da * (np.sin(self.elevation + de / 2) - np.sin(self.elevation - de / 2))
         return result
 
 
 class Fan:
-    """Rays about the x axis of a transducer, one in each cell of equal angles; row after row from below, each column after column.
+    """Rays around the x axis of a transducer, one in each cell of equal angles; row after row from below, each column after column.
 
-    A staggered fan has its rays at other places in each cell: those of a column at as many azimuths as it has rows, evenly over the width of a
-    cell, and those of a row likewise. So what is upright or level and thinner than a cell cannot stand between all of them.
+    In a staggered fan the rays are at different places in their cells. The rays of a column have as many azimuths as there are rows, spread evenly
+    over the width of a cell, and those of a row likewise. So nothing that is upright or level and thinner than a cell fits between all rays.
 
     Attributes:
         columns, rows: of cells.
-        direction: (n, 3) unit, of the rays in the transducer's frame.
-        cells: (n) of CELL, `direction` being that of the middle; `emitted` is the two-way beam pattern, that of a line array in each direction
-            and 1 on the axis, times the solid angle (sr) and the level.
-        place: (n, 2) of the rays across and along, in cells from the corner of the fan.
+        direction: (n, 3) unit vectors of the rays in the transducer's frame.
+        cells: (n) of CELL; `emitted` is the two-way beam pattern (a line array's in each direction, 1 on the axis) times the solid angle (sr) and the
+            level.
+        place: (n, 2) place of each ray across and along, in cells from the corner of the fan.
         size: width and height of a cell, rad.
         area: (rows) solid angle of a cell (sr) times the level.
         across_power, along_power: (2 FINEST columns + 1) and (2 FINEST rows + 1) two-way pattern over azimuth and elevation, 2 FINEST steps a cell.
@@ -82,13 +84,13 @@ class Fan:
     def __init__(
         self, width: float, height: float, columns: int, rows: int, cover: float, level: float = 1.0, staggered: bool = True
     ) -> None:  # fmt: skip
-        """Spread the rays.
+        """Lay out the rays.
 
         Args:
             width, height: angles between the half-power points, rad.
             columns, rows: number of rays.
-            cover: part of these angles that the rays fill; beyond 1 are the flanks of the pattern.
-            level: factor of all.
+            cover: part of these angles that the rays fill; more than 1 includes the flanks of the pattern.
+            level: factor of `emitted`.
             staggered: otherwise each ray is in the middle of its cell.
         """
         self.columns, self.rows = columns, rows
@@ -102,16 +104,39 @@ class Fan:
         self.cells["emitted"] = np.outer(pattern, self.across_power[middle]).ravel()
 
 
+class Pencil:
+    """The rays of a narrow conical beam along x, whose echoes are heard as one.
+
+    The pattern of a round piston is taken as the product of the patterns of two lines.
+
+    Attributes:
+        grid: its cells; `emitted` is the pattern of transmitter and receiver, times the solid angle (sr).
+        directivity: of the receiver, as a ratio.
+    """
+
+    def __init__(self, width: float, side: int) -> None:
+        """Lay out the rays.
+
+        Args:
+            width: angle between half-power points of transmitter and receiver each, rad.
+            side: square root of the number of rays.
+        """
+        self.grid = Grid.of(FLANKS * width, FLANKS * width, side, side)
+        along = two_way(self.grid.elevation, width) * self.grid.areas()
+        self.grid.cells["emitted"] = np.outer(along, two_way(self.grid.azimuth, width)).ravel()
+        self.directivity = directivity(width, width)
+
+
 def directivity(width: float, height: float) -> float:
-    """Directivity index of a rectangular aperture, as a ratio: 4 pi over the product of the beam widths (rad)."""
+    """Return the directivity of a rectangular aperture, as a ratio: 4 pi over the product of the beam widths (rad)."""
     return 4.0 * math.pi / (width * height)
 
 
 def _cells(angle: float, count: int) -> tuple[FloatArray, float]:
+    """Return the middles of cells and their size, rad."""
     size = angle / count
     middle: FloatArray = np.arange(count, dtype=np.float64)
-    middle = (middle + 0.5) * size - angle / 2.0
-    return middle, size
+    return (middle + 0.5) * size - angle / 2.0, size
 
 
 def _unit(az: FloatArray, el: FloatArray) -> FloatArray:
@@ -120,8 +145,11 @@ def _unit(az: FloatArray, el: FloatArray) -> FloatArray:
 
 
 def _spread(count: int) -> FloatArray:
-    """(count) places from -1/2 to 1/2, evenly, neighbours far apart: multiples of what comes next to the golden part and shares no divisor."""
-    by = max(1, round(count * _GOLDEN))
+    """Return (count) evenly spaced places from -1/2 to 1/2, in an order in which neighbours are far apart.
+
+    They are multiples, modulo 1, of a step close to the golden ratio that has no common divisor with `count`.
+    """
+    by = max(1, round(count * GOLDEN))
     while math.gcd(by, count) > 1:
         by += 1
     result: FloatArray = (np.arange(count) * by % count + 0.5) / count - 0.5
@@ -129,11 +157,11 @@ def _spread(count: int) -> FloatArray:
 
 
 def two_way(angle: FloatArray, width: float) -> FloatArray:
-    """Two-way power pattern of a line array with this angle between half-power points, at angles off its axis (rad)."""
+    """Return the two-way power pattern of a line array at angles off its axis (rad); `width`: between half-power points, rad."""
     result: FloatArray = np.sinc(2.0 * 0.442946 * angle / width) ** 4
     return result
 
 
 def _two_way(count: int, size: float, width: float) -> FloatArray:
-    """The same over cells of a size."""
+    """Return the pattern in 2 FINEST steps a cell, for `count` cells of this size (rad)."""
     return two_way((np.arange(2 * FINEST * count + 1) / (2 * FINEST) - 0.5 * count) * size, width)

@@ -1,4 +1,4 @@
-"""The compiled part of this room, all at once: for who compiles before anything runs."""
+"""The kernels of sonars that Python calls, so that all of them can be compiled before anything runs."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ KERNELS = (
     columns.form_beams, columns.receive, columns.intensities, columns.counts, soundings.form_bands, soundings.find,
     soundings.cross,
 )  # fmt: skip
-"""What Python calls."""
+"""Kernels that Python calls."""
 
 
 @cache
 def load() -> None:
-    """Run each once, compiled or from the cache, so that no reading waits for them.
+    """Run each kernel once, compiled or from the cache, so that no reading waits for it.
 
     Raises:
-        RuntimeError: they hear nothing of a thread in the middle of the beam.
+        RuntimeError: a thin thing in the middle of the beam gives no echo.
     """
     from uwserver.physics.rays.echoes import Ground
 
@@ -45,7 +45,7 @@ def load() -> None:
 
 
 def _load_beams(energy: FloatArray) -> None:
-    """Those that make beams of columns."""
+    """Run the kernels that make beams of columns."""
     faded, share = speckle.fading((0.0, 0.0, 0.0), np.array((1.0, 0.0, 0.0)), 1.0, 1.0)
     sound, image = np.zeros((2, 4, 10), np.float32), np.zeros((10, 4), np.float32)
     columns.scatter(energy, np.uint64(0), faded, share, speckle.PHASORS, sound)

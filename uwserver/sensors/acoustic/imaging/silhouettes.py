@@ -1,8 +1,8 @@
-"""More rays where a fan's rays meet what is thinner than its cells: a pile, a strut, a cable (compiled).
+"""Additional rays where the rays of a fan hit something thinner than its cells: a pile, a strut, a cable (compiled).
 
-A ray that meets what few of its neighbours meet has met something thin. Such rays are joined to the nearest others that met the same: what lies
-along these lines, and as far beyond, is cut into cells so narrow that each row of them tells how much of it the thing covers. All follows from
-what the rays of one pose meet, so that a sonar which does not move hears the same.
+A ray that hits what few of its neighbours hit has found something thin. Such a ray is joined by lines to the nearest other rays that hit the same
+thing. The cells along these lines, and as far beyond, are cut so finely that each row of new cells shows how much of it the thing covers. All this
+follows from what the rays of one pose hit, so a sonar at rest hears the same in each ping.
 """
 
 from __future__ import annotations
@@ -15,36 +15,35 @@ import numpy as np
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.rays.raycast import NOTHING, Hits
-from uwserver.sensors.acoustic.imaging.fan import FINEST
+from uwserver.sensors.acoustic.imaging.fan import FINEST, GOLDEN
 
 _NEAR, _FLAT = 0.03, 0.05
-"""Parts of a range within which two rays meet the same, and within which one meets the plane of what the other has met."""
+"""Relative difference of range within which two rays hit the same surface; and within which one ray hits the plane of the other's surface."""
 _FAINT = 0.01
 """Cells with less than this part of the strongest one's power are not cut."""
 _MOST_THIN = 0.15
-"""Part of all rays: where more meet something thin, as over rough ground, they are many enough to need no others."""
+"""Largest part of all rays that may hit something thin. If it is more, as over rough ground, these rays are enough, and none are added."""
 _ALIKE = 0.3
-"""Part of a range by which two ends of one thing may differ."""
+"""Largest relative difference of range between two ends of one thing."""
 _FARTHEST_LINK = 12.0
 _ALONE = 6.0
-"""Cells: how far rays that met the same may be from each other, and how far it is looked for about a ray alone."""
+"""Distances in cells: largest one between two rays that hit the same thing, and the one searched around a ray that is alone."""
 _OTHER, _UPRIGHT, _LEVEL = 0, 1, 2
 _SLENDER = 4.0
-"""What is upright or level has so many times larger squares one way than the other."""
+"""A thing is upright (level) if the sum of squared distances is so many times larger along (across) than the other way."""
 _COARSE = 4
 """Least number of parts that a cell is cut into."""
 _MORE = 2
-"""Rays are at most added by this factor of those of the fan."""
-_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+"""Largest number of added rays for each ray of the fan."""
 _LEAST = 64
 
 CUT = np.dtype([("across", "i8"), ("along", "i8"), ("low", "f8"), ("high", "f8")])
-"""Into how many parts a cell is cut across and along, 0 for none; between these parts of its width (height, if only that is cut) it is cut
-finely, elsewhere into four."""
+"""How a cell is cut: numbers of parts across and along, 0 if it is not cut. It is cut finely between the places `low` and `high`, from 0 to 1 of its
+width (or height, if only that is cut), and into four parts elsewhere."""
 
 
 def room_for(rays: int) -> int:
-    """How many new cells there may be of a fan of so many rays: twice as many, and up to the next of some sizes."""
+    """Return the largest number of new cells of a fan with so many rays: twice as many, rounded up to one of a few sizes."""
     wanted, size = max(_MORE * rays, _LEAST), _LEAST
     while size < wanted:
         size = size * 3 // 2 if size & (size - 1) == 0 else size // 3 * 4
@@ -55,19 +54,19 @@ def room_for(rays: int) -> int:
 def sharpen(
     columns: int, rows: int, fan: Any, towards: Array, hits: Hits, cuts: Array, direction: Array, finer: Any
 ) -> int:  # fmt: skip
-    """Rays to be cast instead of those of a fan that met, or nearly met, something thin.
+    """Find the rays that replace those rays of a fan that hit, or nearly hit, something thin.
 
     Args:
         columns, rows: of the fan.
-        fan: with `cells`, `place`, `area`, `across_power` and `along_power` of `Fan`.
-        towards: (n, 3) of its rays, in the frame of the hits.
-        hits: of these; those of cells that are cut are taken out of it.
-        cuts: (n) of CUT, receive how cells are cut.
-        direction: (m, 3) receives unit directions, in the frame of the fan.
-        finer: (m) of CELL receives the cells; as many as there is `room_for`.
+        fan: has `cells`, `place`, `area`, `across_power` and `along_power`, as `Fan`.
+        towards: (n, 3) directions of its rays in the frame of the hits.
+        hits: of these rays; the hits of cells that are cut are removed.
+        cuts: (n) of CUT, receives how each cell is cut.
+        direction: (m, 3) receives the directions of the new rays, in the frame of the fan.
+        finer: (m) of CELL receives the new cells; m is `room_for` the rays of the fan.
 
     Returns:
-        How many; 0 where there is nothing thin.
+        The number of new rays; 0 if there is nothing thin.
     """
     cells = fan.cells
     found = find_thin(
@@ -83,7 +82,7 @@ def sharpen(
 
 @compiled
 def _same(a: int, b: int, direction: Array, distance: Array, normal: Array, bodies: Array) -> bool:
-    """Whether two rays meet one surface: at about the same range, or in one plane."""
+    """Return whether two rays hit the same surface: at about the same range, or in one plane."""
     if bodies[a] != bodies[b]:
         return False
     p, q = distance[a], distance[b]
@@ -94,7 +93,7 @@ def _same(a: int, b: int, direction: Array, distance: Array, normal: Array, bodi
         for m in range(3):
             height += normal[i, m] * direction[i, m]
             there += normal[i, m] * direction[j, m]
-        # In the plane the second would have its range where both products are the same.
+        # Both products are equal if the second ray hits the plane of the first one's surface.
         if height * there > 0.0 and abs(distance[i] * height - distance[j] * there) <= _FLAT * distance[j] * abs(there):
             return True
     return False
@@ -102,7 +101,7 @@ def _same(a: int, b: int, direction: Array, distance: Array, normal: Array, bodi
 
 @compiled
 def _is_thin(i: int, columns: int, direction: Array, distance: Array, normal: Array, bodies: Array) -> bool:
-    """Whether on no side of a ray all three neighbours meet what it meets: those to the left, to the right, below and above."""
+    """Return whether a ray has found something thin: on none of its four sides do all three neighbours hit the surface that it hits."""
     for step, side in ((columns, 1), (1, columns)):
         for sense in (-1, 1):
             there = i + sense * side
@@ -117,7 +116,7 @@ def _is_thin(i: int, columns: int, direction: Array, distance: Array, normal: Ar
 
 @compiled
 def _mark(column: int, row: int, across: int, along: int, low: float, high: float, frame: Any, cuts: Array) -> None:
-    """Ask for a cell to be cut at least so often, and finely at least between two parts of its width, or of its height."""
+    """Mark a cell to be cut into at least so many parts, and finely at least between two places of its width or height."""
     columns, rows, emitted, faint = frame
     if (
         high > 0.0
@@ -137,12 +136,20 @@ def _mark(column: int, row: int, across: int, along: int, low: float, high: floa
 
 @compiled
 def _join(at_x: float, at_y: float, dx: float, dy: float, form: int, frame: Any, cuts: Array) -> None:
-    """Ask for the cells along the line from one ray to another to be cut, and as far beyond the first."""
+    """Mark the cells along the line from one ray to another, and as far beyond the first, to be cut.
+
+    Args:
+        at_x, at_y: place of the first ray, cells.
+        dx, dy: from there to the other ray, cells.
+        form: of the thing.
+        frame: columns and rows of the fan, power of its cells, and least power of a cell that is cut.
+        cuts: (n) of CUT.
+    """
     length = max(abs(dx), abs(dy), 1.0)
     finest = _COARSE
     while finest < min(4.0 * length, float(FINEST)):
         finest *= 2
-    # One ray in `length` rows meets the thing: that is the part of a cell which it covers.
+    # One ray in `length` rows hits the thing, so it covers about this part of the width of a cell.
     width = 1.0 / length
     steps = math.ceil(4.0 * length)
     for k in range(-steps, steps + 1):
@@ -163,26 +170,26 @@ def find_thin(
     columns: int, rows: int, place: Array, emitted: Array, direction: Array, distance: Array, normal: Array, bodies: Array,
     cuts: Array, most: int,
 ) -> int:  # fmt: skip
-    """Which cells are cut, and how.
+    """Find which cells are cut, and how.
 
     Args:
         columns, rows: of the fan.
-        place: (n, 2) of `Fan`.
+        place: (n, 2) as in `Fan`.
         emitted: (n) of its cells.
         direction: (n, 3) of the rays, in the frame of the normals.
-        distance, normal, bodies: of `Hits`.
-        cuts: (n) of CUT, receive how.
-        most: new cells.
+        distance, normal, bodies: what each ray hits, as `Hits`.
+        cuts: (n) of CUT, receives how each cell is cut.
+        most: largest number of new cells.
 
     Returns:
-        How many new cells.
+        The number of new cells.
     """
     n = len(emitted)
     thin, count, faint = np.empty(n, np.int64), 0, 0.0
     for i in range(n):
         cuts[i].across = cuts[i].along = 0
         faint = max(faint, _FAINT * emitted[i])
-    # At the border of the fan nobody knows.
+    # Rays at the border of the fan lack neighbours, so they are not judged.
     for row in range(1, rows - 1):
         for i in range(row * columns + 1, (row + 1) * columns - 1):
             seen = bodies[i] != NOTHING and emitted[i] >= faint
@@ -197,7 +204,7 @@ def find_thin(
         first, second, form = _neighbours(i, thin[:count], place, distance, bodies)
         x, y = place[i]
         if first < 0:
-            # A ray alone cannot tell which way the thing goes on.
+            # A single ray does not show in which direction the thing extends.
             _join(x, y, 0.0, _ALONE, _UPRIGHT, frame, cuts)
             _join(x, y, _ALONE, 0.0, _LEVEL, frame, cuts)
         for j in (first, second):
@@ -208,7 +215,7 @@ def find_thin(
 
 @compiled
 def _neighbours(i: int, thin: Array, place: Array, distance: Array, bodies: Array) -> tuple[int, int, int]:
-    """The two nearest rays that met the same thing, -1 for none, and its form as all that are not far away tell."""
+    """Return the two nearest rays that hit the same thing (-1 for none), and its form as all rays on it within reach show."""
     first = second = -1
     nearest = after = _FARTHEST_LINK
     wide = tall = 0.0
@@ -229,7 +236,10 @@ def _neighbours(i: int, thin: Array, place: Array, distance: Array, bodies: Arra
 
 @compiled
 def _block(cell: Any, place: int, count: int) -> int:
-    """Of `count` parts of a cell's width or height, how many one new cell holds from this one on: all of a block that is not cut finely."""
+    """Return how many of the `count` parts of a cell's width or height one new cell holds, from part `place` on.
+
+    That is all parts of a block that is not cut finely, else one.
+    """
     block = count // _COARSE
     if block <= 1 or place % block != 0:
         return 1
@@ -239,7 +249,7 @@ def _block(cell: Any, place: int, count: int) -> int:
 
 @compiled
 def _pieces(cell: Any) -> int:
-    """New cells of a cell."""
+    """Return the number of new cells of a cell."""
     across = along = place = 0
     while place < cell.across:
         place += _block(cell, place, cell.across)
@@ -253,7 +263,7 @@ def _pieces(cell: Any) -> int:
 
 @compiled
 def _fit(cuts: Array, most: int) -> int:
-    """Halve the cuts until there are not too many new cells. Returns how many."""
+    """Halve the largest cuts until there are not too many new cells. Returns their number."""
     while True:
         total, largest = 0, 1
         for i in range(len(cuts)):
@@ -277,14 +287,14 @@ def cut(
 
     Args:
         columns: of the fan.
-        cells: (n) of it, as CELL.
-        cuts: (n) of CUT, as of `find_thin`.
+        cells: (n) its cells, as CELL.
+        cuts: (n) of CUT, as `find_thin` writes them.
         area, across_power, along_power: of the fan.
         direction: (most, 3) receives unit directions of the rays.
         finer: (most) receives the cells.
 
     Returns:
-        How many.
+        The number of new cells.
     """
     count = 0
     for i in range(len(cells)):
@@ -298,7 +308,7 @@ def cut(
                 # Middle and size of the new cell, as parts of the old one.
                 x, y = (u + 0.5 * wide) / how.across, (v + 0.5 * tall) / how.along
                 part_x, part_y = wide / how.across, tall / how.along
-                _place(cells[i], new, direction[count], row + v * _GOLDEN, column + u * _GOLDEN, x, y, part_x, part_y)
+                _place(cells[i], new, direction[count], row + v * GOLDEN, column + u * GOLDEN, x, y, part_x, part_y)
                 pattern = across_power[2 * FINEST * column + int(2 * FINEST * x + 0.5)]
                 pattern *= along_power[2 * FINEST * row + int(2 * FINEST * y + 0.5)]
                 new.emitted = area[row] * pattern * part_x * part_y
@@ -312,8 +322,8 @@ def cut(
 def _place(
     old: Any, new: Any, ray: Array, row: float, column: float, x: float, y: float, part_x: float, part_y: float
 ) -> None:  # fmt: skip
-    """A part of a cell, and its ray: staggered as those of a fan, by the row across and by the column along."""
-    off_x, off_y = part_x * (row * _GOLDEN % 1.0 - 0.5), part_y * (column * _GOLDEN % 1.0 - 0.5)
+    """Write a part of a cell and its ray, which is staggered as in a fan: the shift across depends on the row, the shift along on the column."""
+    off_x, off_y = part_x * (row * GOLDEN % 1.0 - 0.5), part_y * (column * GOLDEN % 1.0 - 0.5)
     long = far = 0.0
     for j in range(3):
         new.across[j], new.along[j] = part_x * old.across[j], part_y * old.along[j]

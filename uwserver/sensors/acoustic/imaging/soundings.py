@@ -1,4 +1,4 @@
-"""Ranges of single beams (compiled): beams of the few columns that they hear well, and where in each the echo of a bottom stands."""
+"""Ranges of single beams (compiled): beams formed of the few columns that they hear well, and the place of the bottom's echo in each."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ from uwserver.sensors.acoustic.imaging.swath import Plane
 _FAINT = 0.01
 """Amplitude below which a beam is taken to hear nothing: -40 dB."""
 HEARD = 12
-"""Columns that a beam hears, of a Hamming taper: those of its main lobe. Other tapers have more, whose echoes there are mostly silent."""
+"""Columns that a beam with a Hamming taper hears: those in its main lobe. With other tapers there are more, but most of them are silent."""
 _FIRST_HALF = 4.0
-"""Gates to both sides of the strongest one, in which an echo is looked for first."""
+"""First half width of the window around the strongest gate, gates."""
 _GROWTH = 2.5
-"""Standard deviations that a window is wide to both sides: one that is filled evenly grows by 1.44, and a beam's main lobe fits into its own."""
+"""Half width of the next window in standard deviations. An evenly filled window grows by 1.44; one around a main lobe keeps its size."""
 _ROUNDS = 16
 _LEAST_HALF = 1.5
 NOTHING_FOUND, BY_AMPLITUDE, BY_PHASE = 0, 1, 2
 """How a range was found."""
 _LEAST_GATES = 5
-"""Through so few phases no line is laid."""
+"""Least number of phases to fit a line to."""
 _COARSE = 0.3
-"""rad: what a phase may be wrong besides what few of them show."""
+"""Error of a phase beyond the scatter that a few of them show, rad."""
 _LEAST_LOOK = 8.0
-"""Gates to both sides of the middle of an echo, in which phases are looked at first."""
+"""First half width of the window in which phases are used, gates."""
 _SURE = 0.25
-"""rad: a phase that is as sure at its zero tells more than an amplitude, whose error is 0.4 rad of the ramp, however sure that seems where speckle
-has left one bright part of an echo."""
+"""Largest standard deviation of the phase at its zero, rad, with which the phase is surely better than the amplitude. The amplitude has an error of
+0.4 rad of the ramp, even where it seems surer because speckle has left a single bright part of the echo."""
 _FARTHEST = 4.0
-"""Half lengths of an echo from its middle, within which the zero of the phase is looked for: speckle may hide the better part of it."""
+"""The zero of the phase is searched within so many half lengths of the echo from its middle, as speckle may hide most of the echo."""
 _RAMP = 1.0
-"""rad: phases up to there are as good as a line over range."""
+"""Phases up to here, rad, are close to a line over range."""
 _SETTLED = 0.01
-"""Gates."""
+"""Change of the zero at which the search ends, gates."""
 
 
 def bands(pattern: Plane) -> IntArray:
-    """(beams, 2) first column that each beam hears, and the one after the last: those of at least -40 dB, and all between."""
+    """Return (beams, 2) the first column that each beam hears and the one after the last: those of at least -40 dB, and all between them."""
     heard = np.abs(pattern) >= _FAINT
     first, last = heard.argmax(axis=1), pattern.shape[1] - heard[:, ::-1].argmax(axis=1)
     result: IntArray = np.stack((first, last), axis=1).astype(np.int64)
@@ -48,10 +48,10 @@ def bands(pattern: Plane) -> IntArray:
 
 
 def looks(place: FloatArray, half: FloatArray, bins: int) -> IntArray:
-    """(beams, 2) first gate in which phases of an echo are looked at, and the one after the last: none where there is no echo.
+    """Return (beams, 2) the first gate whose phase is used and the one after the last; both are 0 without an echo.
 
     Args:
-        place, half: (beams) of `find`.
+        place, half: (beams) as `find` writes them.
         bins: gates that count.
     """
     about, width = np.nan_to_num(place), _FARTHEST * np.maximum(half, _LEAST_LOOK)
@@ -63,15 +63,15 @@ def looks(place: FloatArray, half: FloatArray, bins: int) -> IntArray:
 
 @entry
 def form_bands(pattern: Array, bands: Array, columns: Array, spans: Array, start: int, beams: Array) -> None:
-    """What the beams hear of their columns.
+    """Sum the columns that each beam hears.
 
     Args:
         pattern: (b, c) float32.
-        bands: (b, 2) of `bands`.
-        columns: (c, g) float32 of each column; most gates of a bottom's echo are silent, and are passed over.
-        spans: (b, 2) first gate that counts of each beam, and the one after the last.
+        bands: (b, 2) columns of each beam, as `bands` returns them.
+        columns: (c, g) float32 sound of each column; silent gates before and behind its echoes are skipped.
+        spans: (b, 2) the first gate that counts in each beam and the one after the last.
         start: the first gate of the result.
-        beams: (b, n) float32 receives the sums, 0 of gates that do not count.
+        beams: (b, n) float32 receives the sums; 0 in gates that do not count.
     """
     count, n = columns.shape
     extent = np.empty((count, 2), np.int64)
@@ -97,18 +97,18 @@ def form_bands(pattern: Array, bands: Array, columns: Array, spans: Array, start
 def find(
     sound: Array, bins: int, least: float, loss: float, first: bool, place: Array, level: Array, hits: Array, half: Array
 ) -> None:  # fmt: skip
-    """Where the echo of each beam stands: the centre of its energy, in a window that grows about its strongest gate until it holds the echo.
+    """Find the place of each beam's echo: the centre of its energy, in a window that grows around the strongest gate until it holds the echo.
 
     Args:
         sound: (planes, beams, gates) float32: real and imaginary part, or one plane of intensities.
         bins: gates that count.
-        least: intensity of a gate that counts, uPa^2.
-        loss: of intensity from gate to gate by absorption, 1 per gate (as of exp), for which the weights make up.
-        first: whether the first echo counts, not the strongest.
-        place: (beams) receives gates from the start, NaN for none.
-        level: (beams) mean intensity in the window.
-        hits: (beams) number of gates in it that count.
-        half: (beams) gates from its middle to its ends.
+        least: least intensity of a gate that counts, uPa^2.
+        loss: exponent of the loss of intensity by absorption, 1 per gate; the weights make up for it.
+        first: take the first echo instead of the strongest.
+        place: (beams) receives gates from the start; NaN for no echo.
+        level: (beams) receives the mean intensity in the window, uPa^2.
+        hits: (beams) receives the number of gates in it that count.
+        half: (beams) receives its half width, gates.
     """
     planes, beams, _ = sound.shape
     power = np.empty(bins)
@@ -157,14 +157,17 @@ def find(
 def _ramp(
     power: Array, phase: Array, first: int, about: float, middle: float, half: float
 ) -> tuple[float, float, float, float]:
-    """The line through the phases of a window, weighted by power: all its power (0 where there is no line), where it is zero (gates from `about`),
-    its slope (rad per gate) and the variance of that place, told by what the phases leave of the line.
+    """Fit a line to the phases in a window, weighted by power.
 
     Args:
-        power, phase: (n) of the gates from `first` on; power 0 of those that do not count.
+        power, phase: (n) of the gates from `first` on; power is 0 for gates that do not count.
         first: number of their first gate.
-        about: gates from the start.
-        middle, half: of the window, gates from `about`.
+        about: origin of the places below, gates from the start.
+        middle, half: middle of the window (gates from `about`) and its half width.
+
+    Returns:
+        Total power (0 if no line fits); place of the line's zero, gates from `about`; slope, rad per gate; and variance of the place, as the
+        residuals of the phases show it.
     """
     count, total, moment, tilt = 0, 0.0, 0.0, 0.0
     for k in range(len(power)):
@@ -199,15 +202,17 @@ def _ramp(
 def cross(
     sound: Array, apart: Array, spans: Array, start: int, least: float, half: Array, place: Array, method: Array
 ) -> None:
-    """Where the phase between both halves of the array is zero: there the echo comes from the axis of the beam. In outer beams, whose echoes are
-    long, that is told far better than the middle of the echo; it counts where what is left of the phases says so.
+    """Find where the phase between both halves of the array is zero: there the echo comes from the axis of the beam.
+
+    In outer beams, whose echoes are long, this place is far more precise than the middle of the echo. It is used where the residuals of the phases
+    say that it is better.
 
     Args:
         sound: (2, beams, gates) float32 of both halves together, real and imaginary part.
-        apart: (2, beams, some gates) of their difference (`array.difference`), from the gate `start` on.
-        spans: (beams, 2) of `looks`.
-        least: of `find`.
-        half, place: (beams) as `find` leaves them; places where the phase counts are changed.
+        apart: (2, beams, some gates) of their difference (`array.difference`), from gate `start` on.
+        spans: (beams, 2) as `looks` returns them.
+        least: as for `find`.
+        half, place: (beams) as `find` writes them; places where the phase is used are changed.
         method: (beams) uint8 receives NOTHING_FOUND, BY_AMPLITUDE or BY_PHASE.
     """
     power, phase = np.empty(sound.shape[2]), np.empty(sound.shape[2])

@@ -45,7 +45,7 @@ def echo(
         np.zeros(count + 3),
     )
     direction = np.ascontiguousarray(cells["direction"] @ R.T) if rays is None else np.array(rays, float)
-    deposit(cells, direction, R, *hits, GROUND, per_metre, second)
+    deposit(cells, direction, R, *hits, GROUND, per_metre, np.zeros(len(cells), np.int64), 0.0, 1.0, second[None])
     energies(second, per_metre, alpha, out)
     return out
 

@@ -1,4 +1,4 @@
-"""A fan of rays: its solid angle and pattern, and rays at other places in each cell."""
+"""The rays of one beam: solid angle and pattern of a fan, rays at different places in their cells, and a pencil beam."""
 
 from __future__ import annotations
 
@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from uwserver.sensors.acoustic.imaging.fan import FINEST, Fan, directivity
+from uwserver.sensors.acoustic.imaging.fan import FINEST, Fan, Pencil, directivity
+from uwserver.sensors.acoustic.imaging.fan import two_way as pattern
 
 WIDTH, HEIGHT = 0.05, 0.5
+BEAM = math.radians(1.5)
+"""Of a pencil."""
 
 
 def two_way(angle: float, width: float) -> float:
@@ -61,3 +64,18 @@ def test_a_fan_that_is_not_staggered_has_its_rays_in_the_middle() -> None:
 
 def test_directivity_is_that_of_the_aperture() -> None:
     assert directivity(0.1, 0.2) == pytest.approx(4.0 * math.pi / 0.02)
+
+
+def test_rays_stand_for_the_pattern_whatever_their_number() -> None:
+    x = np.linspace(-BEAM, BEAM, 4001)
+    whole = (pattern(x, BEAM).mean() * 2.0 * BEAM) ** 2
+    for side in (5, 9, 30):
+        assert Pencil(BEAM, side).grid.cells["emitted"].sum() == pytest.approx(whole, rel=0.01)
+
+
+def test_rays_are_about_the_axis() -> None:
+    pencil = Pencil(BEAM, 9)
+    assert pencil.grid.direction.shape == (81, 3)
+    assert pencil.grid.direction.mean(axis=0)[1:] == pytest.approx((0.0, 0.0), abs=1e-3)
+    assert np.degrees(np.arccos(pencil.grid.direction[:, 0])).max() < 2.2
+    assert pencil.directivity == pytest.approx(4.0 * math.pi / BEAM**2)

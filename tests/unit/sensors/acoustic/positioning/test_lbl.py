@@ -25,7 +25,7 @@ from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import LblConfig
-from uwserver.sensors.acoustic.interrogation import Beacon
+from uwserver.sensors.acoustic.positioning.interrogation import Beacon
 from uwserver.sensors.truth import Truth
 
 

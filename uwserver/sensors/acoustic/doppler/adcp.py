@@ -16,7 +16,7 @@ from uwserver.modifiers.operations import rounded_ns
 from uwserver.physics.kernel.arrays import Array, FloatArray
 from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.ports import Argument, BeamView, Field
-from uwserver.sensors.acoustic.cell_echoes import (
+from uwserver.sensors.acoustic.doppler.cell_echoes import (
     BEAM_VELOCITIES,
     DISTANCES,
     ERRORS,
@@ -27,15 +27,15 @@ from uwserver.sensors.acoustic.cell_echoes import (
     boundary_of,
     ensemble_of,
     hear_cells,
-    note_hits,
+    keep_hits,
     point_beams,
     point_to_boundaries,
     reach_of_beams,
     reach_of_cells,
     track_bottom,
 )
-from uwserver.sensors.acoustic.current_profile import Mapping, solve_levels
-from uwserver.sensors.acoustic.janus import slanted
+from uwserver.sensors.acoustic.doppler.janus import Mapping, directions_of, slanted, solve_levels
+from uwserver.sensors.acoustic.echo import SOUND_SPEED_ARGUMENT, fill_row, or_truth, pings
 from uwserver.sensors.bank import (
     MISSING,
     Bank,
@@ -47,7 +47,6 @@ from uwserver.sensors.bank import (
     ray_loop,
     record,
     rotate,
-    submergence,
     water_property,
 )
 from uwserver.sensors.base import Distance, Pose, SensorTable, Settings, SoundSpeed, Traits
@@ -58,36 +57,37 @@ MOST_PINGS = 256
 
 
 class AdcpConfig(SensorTable, tag="adcp", kw_only=True, frozen=True):
-    """A current profiler. The sensor frame's z points along the axis of the beams, down or up. `rate_hz`: ensembles a second at most.
+    """A current profiler. The sensor frame's z points along the axis of the beams, down or up.
 
-    Distances are along the axis, as makers give them. The middle of cell k (from 1) lies at `blanking_m` + k `cell_size_m`.
+    `rate_hz` is an upper limit of ensembles a second. Distances are along the axis, as in data sheets.
+    The middle of cell k (from 1) lies at `blanking_m` + k `cell_size_m`.
 
     Attributes:
-        ideal: exact means over the cells, as far as each beam is in water.
+        ideal: exact means over the cells, as far as each beam is in the water.
         frequency_hz: of the sound; absorption depends on it.
         beam_angle_deg: of the slanted beams from the axis.
         beam_azimuth_deg: of each slanted beam about the axis, from x to y.
-        axial_beam: one more beam, along the axis; it shows in what beams tell, not in the vectors.
-        cells: number of them.
-        cell_size_m: of each; the pulse is as long.
+        axial_beam: one more beam along the axis; it counts in the values of single beams, not in the vectors.
+        cells: number of cells.
+        cell_size_m: length of a cell, and of the pulse.
         min_cell_size_m, max_cell_size_m: limits of the setting.
-        blanking_m: nothing is heard nearer, while the transducer rings.
-        max_range_m: where the echo of water has sunk to the noise, with cells of `sigma_cell_m`.
+        blanking_m: nearer than this nothing is heard, as the transducer still rings.
+        max_range_m: range at which the echo of the water is as weak as the noise, with cells of `sigma_cell_m`.
         pings: averaged in an ensemble.
-        beam_sigma_mps: white error of a beam's velocity a ping, at a strong echo and cells of `sigma_cell_m`; goes with 1 / cell size.
+        beam_sigma_mps: white error of a beam's velocity per ping, at a strong echo and with cells of `sigma_cell_m`; proportional to 1 / cell size.
         sigma_cell_m: cell size to which `beam_sigma_mps` and `max_range_m` belong.
-        ambiguity_velocity_mps: velocities along a beam beyond it come back on the other side.
-        nominal_correlation: of a strong echo.
-        correlation_threshold: a beam's cell is lost below it.
-        side_lobe_db: echo of bottom or surface through the side lobes over that of the water.
-        scale_sigma: of the velocities, drawn once a run.
-        heading_sigma_deg, tilt_sigma_deg: of the device's own attitude, drawn once a run.
+        ambiguity_velocity_mps: a velocity along a beam beyond this limit appears with the other sign.
+        nominal_correlation: correlation of a strong echo.
+        correlation_threshold: below it the cell of a beam has no velocity.
+        side_lobe_db: echo of bottom or surface through the side lobes, relative to the echo of the water.
+        scale_sigma: standard deviation of the scale error of the velocities, drawn once a run.
+        heading_sigma_deg, tilt_sigma_deg: standard deviations of the errors of the device's own attitude, drawn once a run.
         bin_mapping: how cells of tilted beams are sorted into levels of one depth.
-        assumed_sound_speed_mps: what the device believes; default: the truth.
-        bottom_min_altitude_m, bottom_max_altitude_m: of bottom track; sediment below a level device is just seen at the largest. 0 for none.
-        bottom_max_speed_mps: along a beam.
-        bottom_sigma_mps, bottom_range_sigma_m: white error of a beam of bottom track, an ensemble.
-        processing_s: from the last echo to the delivery.
+        assumed_sound_speed_mps: sound speed that the device believes; default: the true one.
+        bottom_min_altitude_m, bottom_max_altitude_m: limits of bottom track; at the largest, sediment below a level device is just detected; 0: none.
+        bottom_max_speed_mps: largest speed of bottom track along a beam.
+        bottom_sigma_mps, bottom_range_sigma_m: white error of a beam of bottom track per ensemble.
+        processing_s: time from the last echo to the delivery.
     """
 
     message = "CurrentProfile"
@@ -122,7 +122,7 @@ class AdcpConfig(SensorTable, tag="adcp", kw_only=True, frozen=True):
     processing_s: NonNegative = 0.0
 
     def __post_init__(self) -> None:
-        """ValueError where keys do not go together."""
+        """Raise ValueError if keys contradict each other."""
         if not self.min_cell_size_m <= self.cell_size_m <= self.max_cell_size_m:
             raise ValueError("cell_size_m must lie between min_cell_size_m and max_cell_size_m")
         if not self.correlation_threshold < self.nominal_correlation:
@@ -131,11 +131,11 @@ class AdcpConfig(SensorTable, tag="adcp", kw_only=True, frozen=True):
             raise ValueError(
                 "bottom_max_altitude_m must be more than bottom_min_altitude_m, or 0 to leave out bottom track"
             )
-        if np.linalg.matrix_rank(_directions(self), tol=1e-3) < 3:
+        if np.linalg.matrix_rank(directions_of(rad(self.beam_angle_deg), self.beam_azimuth_deg), tol=1e-3) < 3:
             raise ValueError("beam_azimuth_deg: three beams must point to different sides, else they give no vector")
 
     def traits(self) -> Traits:
-        """Its beams, as far as its last cell."""
+        """Return its stages of compiled code, and its beams up to the largest range."""
         near, far, tilt = self.blanking_m, self.max_range_m, rad(self.beam_angle_deg)
         beams = slanted(tilt, self.beam_azimuth_deg, near / math.cos(tilt), far / math.cos(tilt))
         axial = (BeamView((0.0, 0.0, 1.0), 0.0, near, far),) if self.axial_beam else ()
@@ -146,7 +146,7 @@ class AdcpConfig(SensorTable, tag="adcp", kw_only=True, frozen=True):
 
 
 class AdcpSettings(Settings, frozen=True):
-    """See `AdcpConfig`; `sound_speed` 0 stands for the truth."""
+    """See `AdcpConfig`; `sound_speed` 0 stands for the true one."""
 
     cell_size: Distance
     blanking: Annotated[float, Meta(ge=0, le=1e6)]
@@ -172,7 +172,7 @@ _RECORD = record(
         ("sigma", "f8"), ("sigma_cell", "f8"), ("ambiguity", "f8"), ("nominal", "f8"), ("least_correlation", "f8"), ("side_lobe", "f8"),
         ("mapping", "i8"), ("sound_speed", "f8"), ("bottom_low", "f8"), ("bottom_high", "f8"), ("bottom_speed", "f8"), ("bottom_sigma", "f8"),
         ("bottom_range_sigma", "f8"), ("processing", "f8"),
-        # Of this ensemble: whether there is one, in water, and how far each beam reaches, what stands there, and how well that is heard.
+        # Of this ensemble: whether it pings; and of each beam what it hits: distance, normal, whether it is the surface, how strongly it scatters.
         ("pings_now", "i8"), ("distance", "f8", (MOST_BEAMS,)), ("normal", "f8", (MOST_BEAMS, 3)), ("surface", "i8", (MOST_BEAMS,)),
         ("back", "f8", (MOST_BEAMS,)),
     ],
@@ -184,25 +184,22 @@ _RECORD = record(
 def aim(
     head: Any, row: Any, now: Array, t: float, origin: Array, direction: Array, count: int
 ) -> tuple[int, float]:  # fmt: skip
-    """The beams; none while the last ensemble is not over, or in air."""
-    row.pings_now = 0
-    if t < row.m.ready - 1e-6:
-        head.ready = 0
-    elif submergence(now, p_NS(head, now), t) > 0.0:
-        row.pings_now = 1
-        point_beams(head, row, now, origin, direction, count)
-        return count + row.beams, reach_of_beams(head, row, now)
-    return count, 0.0
+    """Lay the beams if the device pings."""
+    row.pings_now = 1 if pings(head, row, now, t) else 0
+    if row.pings_now == 0:
+        return count, 0.0
+    point_beams(head, row, now, origin, direction, count)
+    return count + row.beams, reach_of_beams(head, row, now)
 
 
 @entry
 def aim_at_boundaries(
     heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
 ) -> float:  # fmt: skip
-    """The ways to the nearest bottom or surface, whose echo comes in through side lobes; an ideal device has none."""
+    """Lay rays to the nearest bottom or surface, whose echo comes in through the side lobes. An ideal device has no side lobes."""
     for n, k in enumerate(due):
         if rows[heads[k].row].pings_now != 0:
-            note_hits(heads[k], rows[heads[k].row], now, t, direction, first[n], hits)
+            keep_hits(heads[k], rows[heads[k].row], now, t, direction, first[n], hits)
     count, reach = 0, 0.0
     for n, k in enumerate(due):
         head, row = heads[k], rows[heads[k].row]
@@ -216,7 +213,7 @@ def aim_at_boundaries(
 
 @compiled
 def _believed(head: Any, row: Any, q: Quat) -> Quat:
-    """Attitude by the device's own compass and tilt sensors."""
+    """Return the attitude that the device's own compass and tilt sensors measure."""
     if head.exact != 0:
         return q
     tilt = row.m.tilt
@@ -226,7 +223,7 @@ def _believed(head: Any, row: Any, q: Quat) -> Quat:
 
 @compiled
 def _turn_to_ground(row: Any, q: Quat, out: Array) -> None:
-    """Velocities over ground, in N, from those relative to the device and its own by bottom track."""
+    """Write velocities over ground in N: velocities relative to the device plus its own velocity by bottom track."""
     v, first, over_ground = row.place[V_S], row.place[VELOCITIES_S], row.place[VELOCITIES_N]
     for k in range(0, 3 * row.cells, 3):
         x, y, z = out[first + k] + out[v], out[first + k + 1] + out[v + 1], out[first + k + 2] + out[v + 2]
@@ -237,7 +234,7 @@ def _turn_to_ground(row: Any, q: Quat, out: Array) -> None:
 def _profile(
     head: Any, row: Any, now: Array, t: float, direction: Array, begin: int, end: int, hits: Any, out: Array
 ) -> bool:
-    """Fill in what an ensemble tells; whether a cell has a velocity."""
+    """Write the values of an ensemble. Returns whether a cell has a velocity."""
     ensemble, place = ensemble_of(head, row, now, t), row.place
     boundary = boundary_of(head, row, now, ensemble, direction, begin, end, hits)
     hear_cells(head, row, now, ensemble, boundary, out)
@@ -257,7 +254,7 @@ def _profile(
 def measure(
     head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
 ) -> None:  # fmt: skip
-    """The profile, where it pings."""
+    """Read the profile if the device pings."""
     out[:], head.valid = MISSING, 0
     for cell in range(row.cells):
         out[row.place[DISTANCES] + cell] = row.blanking + row.cell * (cell + 1)
@@ -270,7 +267,7 @@ def measure(
 
 
 class Adcp(BankSensor):
-    """A profile of the water's velocity, relative to the device and over ground, and what each beam saw."""
+    """Gives a profile of the water's velocity, relative to the device and over ground, and what each beam measured."""
 
     doc = (
         "Current profiler: velocity of the water in cells along its beams, relative to the mount and, with bottom track, over ground; velocity "
@@ -282,51 +279,45 @@ class Adcp(BankSensor):
     settings: AdcpSettings
 
     def __init__(self, mount: Pose, config: AdcpConfig) -> None:
-        slanted = _directions(config)
+        slanted = directions_of(rad(config.beam_angle_deg), config.beam_azimuth_deg)
         self._config, self.exact = config, config.ideal
         self._beams: FloatArray = np.vstack([slanted, [[0.0, 0.0, 1.0]]]) if config.axial_beam else slanted
         self._disagreement = _disagreement(slanted)
-        self.rays = len(self._beams) + 3  # square to what each beam meets, and along the vertical and the axis
-        self.fields, self.arguments = _fields(config.cells, len(slanted), len(self._beams)), _arguments(config)
-        speed = 0.0 if config.assumed_sound_speed_mps is UNSET else config.assumed_sound_speed_mps
+        self.rays = len(self._beams) + 3  # along the normal of what each beam hits, up, down, and along the axis
+        self.fields = _fields(config.cells, len(slanted), len(self._beams))
+        low, high = config.min_cell_size_m, config.max_cell_size_m
+        self.arguments = (
+            Argument("cell_size", "float", "size of a cell along the axis", "m", False, minimum=low, maximum=high),
+            Argument("blanking", "float", "nothing is heard nearer", "m", False, minimum=0, maximum=100),
+            Argument("pings", "int", "averaged in an ensemble", required=False, minimum=1, maximum=MOST_PINGS),
+            SOUND_SPEED_ARGUMENT,
+        )
+        speed = or_truth(config.assumed_sound_speed_mps)
         super().__init__(mount, AdcpSettings(config.cell_size_m, config.blanking_m, config.pings, speed))
 
     def fill(self, row: Any) -> None:
         c, s, n = self._config, self.settings, len(self._beams)
-        row["slanted"], row["beams"], row["cells"] = len(c.beam_azimuth_deg), n, c.cells
         row["direction"][:n], row["disagreement"][: len(self._disagreement)] = self._beams, self._disagreement
-        row["place"], row["cosine"] = columns_of(self.fields).first, math.cos(rad(c.beam_angle_deg))
-        row["frequency"], row["range"], row["mapping"] = (
-            c.frequency_hz,
-            c.max_range_m,
-            get_args(Mapping).index(c.bin_mapping),
-        )
-        row["cell"], row["blanking"], row["pings"], row["sound_speed"] = s.cell_size, s.blanking, s.pings, s.sound_speed
-        row["sigma"], row["sigma_cell"], row["ambiguity"] = c.beam_sigma_mps, c.sigma_cell_m, c.ambiguity_velocity_mps
-        row["nominal"], row["least_correlation"] = c.nominal_correlation, c.correlation_threshold
-        row["side_lobe"], row["processing"] = 10.0 ** (0.1 * c.side_lobe_db), c.processing_s
-        row["bottom_low"], row["bottom_high"] = c.bottom_min_altitude_m, c.bottom_max_altitude_m
-        row["bottom_speed"], row["bottom_sigma"] = c.bottom_max_speed_mps, c.bottom_sigma_mps
-        row["bottom_range_sigma"] = c.bottom_range_sigma_m
+        fill_row(
+            row, slanted=len(c.beam_azimuth_deg), beams=n, cells=c.cells, place=columns_of(self.fields).first,
+            cosine=math.cos(rad(c.beam_angle_deg)), frequency=c.frequency_hz, range=c.max_range_m,
+            mapping=get_args(Mapping).index(c.bin_mapping), cell=s.cell_size, blanking=s.blanking, pings=s.pings,
+            sound_speed=s.sound_speed, sigma=c.beam_sigma_mps, sigma_cell=c.sigma_cell_m, ambiguity=c.ambiguity_velocity_mps,
+            nominal=c.nominal_correlation, least_correlation=c.correlation_threshold, side_lobe=10.0 ** (0.1 * c.side_lobe_db),
+            processing=c.processing_s, bottom_low=c.bottom_min_altitude_m, bottom_high=c.bottom_max_altitude_m,
+            bottom_speed=c.bottom_max_speed_mps, bottom_sigma=c.bottom_sigma_mps, bottom_range_sigma=c.bottom_range_sigma_m,
+        )  # fmt: skip
 
     def turn_on_row(self, memory: Any) -> None:
-        """Ready at once, with the errors of this run."""
+        """Make the device ready at once, and draw its errors of this run."""
         c = self._config
         level, heading = rad(c.tilt_sigma_deg), rad(c.heading_sigma_deg)
         memory["scale"], *tilt = np.array((c.scale_sigma, level, level, heading)) * self.drawn(4)
         memory["tilt"] = tilt
 
 
-def _directions(config: AdcpConfig) -> FloatArray:
-    """(beams, 3) slanted beams in S."""
-    angle = rad(config.beam_angle_deg)
-    across = math.sin(angle)
-    turns = [rad(a) for a in config.beam_azimuth_deg]
-    return np.array([(across * math.cos(a), across * math.sin(a), math.cos(angle)) for a in turns])
-
-
 def _disagreement(directions: FloatArray) -> FloatArray:
-    """(beams) weights of what four beams disagree by, so that their noise shows in it as in a horizontal component; NaN for other numbers."""
+    """Return (beams) weights of the error velocity of four beams, which make it as noisy as a horizontal component; NaN for other numbers."""
     if len(directions) != 4:
         return np.full(len(directions), np.nan)
     null: FloatArray = np.linalg.svd(directions.T)[2][-1]
@@ -347,14 +338,4 @@ def _fields(cells: int, slanted: int, beams: int) -> tuple[Field, ...]:
         Field("v_S", "m/s", "velocity of the mount over ground by bottom track", "S", (3,)),
         Field("altitude", "m", "distance of the bottom along the axis of the beams"),
         Field("beam_ranges", "m", "range of the bottom along each slanted beam; none without lock", shape=(slanted,)),
-    )  # fmt: skip
-
-
-def _arguments(config: AdcpConfig) -> tuple[Argument, ...]:
-    low, high = config.min_cell_size_m, config.max_cell_size_m
-    return (
-        Argument("cell_size", "float", "size of a cell along the axis", "m", False, minimum=low, maximum=high),
-        Argument("blanking", "float", "nothing is heard nearer", "m", False, minimum=0, maximum=100),
-        Argument("pings", "int", "averaged in an ensemble", required=False, minimum=1, maximum=MOST_PINGS),
-        Argument("sound_speed", "float", "what the device believes; 0 for the truth", "m/s", False, minimum=0, maximum=2000),
     )  # fmt: skip

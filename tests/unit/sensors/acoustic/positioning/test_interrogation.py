@@ -28,7 +28,7 @@ from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import LblConfig, Pose, UsblConfig
-from uwserver.sensors.acoustic.interrogation import Beacon
+from uwserver.sensors.acoustic.positioning.interrogation import Beacon
 from uwserver.testing import FakeGeometry, check_sensor
 from uwserver.testing.fake_geometry import Plane, Sphere
 from uwserver.world import snapshot

@@ -1,5 +1,7 @@
-"""What the beams of a current profiler hear: of the water in their cells, of bottom and surface through their side lobes, and of the bottom that
-they meet. In compiled code; rows are records of `adcp`."""
+"""What the beams of a current profiler hear (compiled): the water in their cells, bottom and surface through their side lobes, and the bottom ahead.
+
+In all functions `head` is the row of the sensor in `bank.HEAD`, `row` its record (see `adcp`), and `now` its surroundings.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +16,8 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.physics.rays.raycast import SURFACE
-from uwserver.sensors.acoustic.current_profile import point_of, weigh, wrap
-from uwserver.sensors.acoustic.echo import MU_SEDIMENT
-from uwserver.sensors.acoustic.janus import altitude_of, spread_of, told_by, vector_of
+from uwserver.sensors.acoustic.doppler.janus import altitude_of, count_values, inverse_of, vector_of
+from uwserver.sensors.acoustic.echo import MU_SEDIMENT, lay_ray
 from uwserver.sensors.bank import (
     echo_of,
     meet_surface,
@@ -33,24 +34,54 @@ from uwserver.sensors.bank import (
 )
 
 MOST_BEAMS = 9
-"""Eight slanted ones, and that along the axis."""
+"""Eight slanted beams and the axial one."""
 _PINGS = 16
-"""First lane of random numbers for cells: one for each two pings of each beam and cell. Those of bottom track begin at 0, one for each beam."""
+"""First lane of random numbers for cells: one lane for each two pings of each beam and cell. The lanes of bottom track begin at 0, one a beam."""
 
 DISTANCES, VELOCITIES_S, VELOCITIES_N, ERRORS, BEAM_VELOCITIES, ECHOES, CORRELATIONS, V_S, ALTITUDE, BEAM_RANGES = (
     range(10)
 )
-"""Numbers of the fields of a reading; `place` of a record says where each begins."""
+"""Numbers of the fields of a reading. `place` of a record says where each begins among the numbers of a reading."""
+
+
+@compiled
+def point_of(blanking: float, cell: float, j: int) -> float:
+    """Return the distance (m) of point j, at which the water is sampled.
+
+    Points 1, 3, ... are the middles of the cells. The others lie halfway between them, the first one at the front of the first cell.
+
+    Args:
+        blanking: distance before the first cell, m; its middle is one cell farther.
+        cell: size of a cell, m.
+        j: from 0 to twice the number of cells.
+    """
+    return float((blanking + cell) - 0.5 * cell + 0.5 * cell * j)
+
+
+@compiled
+def weigh(front: float, middle: float, back: float) -> float:
+    """Return the mean over a cell from its three points.
+
+    Gating a pulse as long as the cell weighs the water with a triangle two cells long. Equal weights of the middle and of the points half a cell away
+    have the same second moment, so the mean is exact for cubics. A cell with a missing point (NaN) is missing.
+    """
+    return (front + middle + back) / 3.0
+
+
+@compiled
+def wrap(velocity: float, ambiguity: float) -> float:
+    """Return a velocity as its phase shows it, between -ambiguity and +ambiguity, m/s."""
+    return float((velocity + ambiguity) % (2.0 * ambiguity) - ambiguity)
 
 
 class Ensemble(NamedTuple):
     """What all beams of an ensemble have in common. Vectors in N.
 
     Attributes:
-        p, q, v: place (m), attitude and velocity (m/s) of the device.
+        p, q, v: position (m), attitude and velocity (m/s) of the device.
         t: s.
-        stretch: what the device takes for a metre, by the speed of sound that it believes in.
-        gain: what it tells of a velocity, as a part of it.
+        stretch: believed over true sound speed; the device takes so many metres for one.
+        gain: measured over true velocity.
         decay: absorption, dB/m.
     """
 
@@ -65,7 +96,7 @@ class Ensemble(NamedTuple):
 
 @compiled
 def _stretch(head: Any, row: Any, now: Array) -> float:
-    """What the device takes for a metre."""
+    """Return believed over true sound speed."""
     if row.sound_speed <= 0.0 or head.exact != 0:
         return 1.0
     return float(row.sound_speed / water_property(now, SOUND_SPEED, p_NS(head, now)[2]))
@@ -73,48 +104,46 @@ def _stretch(head: Any, row: Any, now: Array) -> float:
 
 @compiled
 def ensemble_of(head: Any, row: Any, now: Array, t: float) -> Ensemble:
-    """The ensemble of this instant."""
+    """Return the ensemble of the present instant."""
     p = p_NS(head, now)
     stretch = _stretch(head, row, now)
     gain = stretch * (1.0 if head.exact != 0 else 1.0 + row.m.scale)
     v = rotate(q_NB(head, now), velocity_of(head, now))
-    # It changes so little that a device asks once a metre of depth.
+    # Absorption changes so little that an instrument asks for it once a metre.
     decay = sound_absorption(now, row.frequency, float(np.rint(p[2])))
     return Ensemble(p, q_NS(head, now), v, t, stretch, gain, decay)
 
 
 @compiled
 def _beam(q: Quat, row: Any, i: int) -> Vec3:
-    """Direction of beam i in N."""
+    """Return the direction of beam i in N."""
     direction: Vec3 = rotate(q, (row.direction[i, 0], row.direction[i, 1], row.direction[i, 2]))
     return direction
 
 
 @compiled
 def reach_of_cells(head: Any, row: Any, now: Array) -> float:
-    """Range (m) of the last point of the last cell along a slanted beam."""
+    """Return the range (m) of the last point of the last cell along a slanted beam."""
     return float(point_of(row.blanking, row.cell, 2 * row.cells) / row.cosine / _stretch(head, row, now))
 
 
 @compiled
 def reach_of_beams(head: Any, row: Any, now: Array) -> float:
-    """How far (m) beams look: to the end of its cells and of bottom track."""
+    """Return how far rays along the beams reach, m: to the end of the cells and of bottom track."""
     return float(max(reach_of_cells(head, row, now), 1.1 * row.bottom_high / row.cosine))
 
 
 @compiled
 def point_beams(head: Any, row: Any, now: Array, origin: Array, direction: Array, first: int) -> None:
-    """Lay one ray along each beam, from this number on."""
+    """Lay one ray along each beam, from ray number `first` on."""
     p, q = p_NS(head, now), q_NS(head, now)
     for i in range(row.beams):
-        k = first + i
-        origin[k, 0], origin[k, 1], origin[k, 2] = p
-        direction[k, 0], direction[k, 1], direction[k, 2] = _beam(q, row, i)
+        lay_ray(p, _beam(q, row, i), first + i, origin, direction)
 
 
 @compiled
-def note_hits(head: Any, row: Any, now: Array, t: float, direction: Array, first: int, hits: Any) -> None:
-    """Keep what the beams meet."""
+def keep_hits(head: Any, row: Any, now: Array, t: float, direction: Array, first: int, hits: Any) -> None:
+    """Keep in the record what the beams hit: distance, normal, whether it is the surface, and how strongly it scatters back."""
     height, limit = submergence(now, p_NS(head, now), t), reach_of_beams(head, row, now)
     for i in range(row.beams):
         k = first + i
@@ -127,19 +156,18 @@ def note_hits(head: Any, row: Any, now: Array, t: float, direction: Array, first
 
 @compiled
 def _lay_forward(origin: Array, direction: Array, k: int, p: Vec3, way: Vec3, axis: Vec3) -> int:
-    """Lay ray k from p along a way that leads before the device; returns how many these are, 1 or 0."""
+    """Lay ray k from p along `way` if that points ahead of the device. Returns the number of rays, 1 or 0."""
     if way[0] * axis[0] + way[1] * axis[1] + way[2] * axis[2] <= 1e-6:
         return 0
-    origin[k, 0], origin[k, 1], origin[k, 2] = p
-    direction[k, 0], direction[k, 1], direction[k, 2] = way
+    lay_ray(p, way, k, origin, direction)
     return 1
 
 
 @compiled
 def point_to_boundaries(head: Any, row: Any, now: Array, origin: Array, direction: Array, first: int) -> int:
-    """Lay rays where the nearest point of bottom or surface before the device can be, from this number on; returns how many.
+    """Lay rays to where the nearest point of bottom or surface ahead may be, from ray number `first` on. Returns their number.
 
-    They go along the vertical and square to what the beams meet, which is exact where that is plane.
+    They go along the vertical, along the axis, and along the normals of what the beams hit. This is exact for planes.
     """
     p, axis, k = p_NS(head, now), rotate(q_NS(head, now), (0.0, 0.0, 1.0)), first
     k += _lay_forward(origin, direction, k, p, (0.0, 0.0, 1.0), axis)
@@ -156,7 +184,7 @@ def point_to_boundaries(head: Any, row: Any, now: Array, origin: Array, directio
 def boundary_of(
     head: Any, row: Any, now: Array, ensemble: Ensemble, direction: Array, begin: int, end: int, hits: Any
 ) -> tuple[float, float]:
-    """Shortest distance (m) to bottom or surface by these rays, inf for none, and the speed at which it goes away, m/s."""
+    """Return the shortest distance to bottom or surface along the rays from `begin` to `end`, m (inf for none), and its rate of change, m/s."""
     height, limit = submergence(now, ensemble.p, ensemble.t), reach_of_cells(head, row, now)
     nearest, speed = math.inf, 0.0
     for k in range(begin, end):
@@ -169,7 +197,7 @@ def boundary_of(
 
 @compiled
 def _along(now: Array, ensemble: Ensemble, beam: Vec3, r: float) -> float:
-    """Velocity of the water relative to the device along a beam, m/s, at a range of r, m."""
+    """Return the velocity of the water relative to the device along a beam, m/s, at a range r, m."""
     p, v, t = ensemble.p, ensemble.v, ensemble.t
     u = water_velocity(now, (p[0] + r * beam[0], p[1] + r * beam[1], p[2] + r * beam[2]), t)
     return float((u[0] - v[0]) * beam[0] + (u[1] - v[1]) * beam[1] + (u[2] - v[2]) * beam[2])
@@ -177,7 +205,7 @@ def _along(now: Array, ensemble: Ensemble, beam: Vec3, r: float) -> float:
 
 @compiled
 def _strength(row: Any, ensemble: Ensemble, slant: float, r: float) -> float:
-    """Signal over noise of water at a range of r, m: it is 1 at the device's range with cells of `sigma_cell`."""
+    """Return signal over noise of the water at a range r, m; it is 1 at the device's largest range with cells of `sigma_cell`. `slant`: cosine."""
     reach = row.range / slant
     spread = (reach / max(r, 1e-3)) ** 2 * 10.0 ** (0.2 * ensemble.decay * (reach - r))
     return float(spread * row.cell / row.sigma_cell)
@@ -185,8 +213,8 @@ def _strength(row: Any, ensemble: Ensemble, slant: float, r: float) -> float:
 
 @compiled
 def _mean_of_pings(head: Any, row: Any, velocity: float, correlation: float, number: int) -> float:
-    """Mean of the pings' velocities, each with its noise and on its side of the ambiguity; `number`: of the cell of a beam."""
-    # Variance of a pulse pair's phase: (1 / rho^2 - 1) / 2M, so that a weak echo is told worse.
+    """Return the mean velocity of the pings, each with its noise and wrapped by the ambiguity; `number`: of beam and cell."""
+    # The phase of a pulse pair has the variance (1 / rho^2 - 1) / 2M, so a weak echo is noisier.
     worse = math.sqrt((1.0 / correlation**2 - 1.0) / (1.0 / row.nominal**2 - 1.0))
     sigma = row.sigma * row.sigma_cell / row.cell * worse
     total = 0.0
@@ -199,10 +227,17 @@ def _mean_of_pings(head: Any, row: Any, velocity: float, correlation: float, num
 
 
 @compiled
-def _tell_cell(
+def _write_cell(
     head: Any, row: Any, ensemble: Ensemble, velocity: float, strength: float, number: int, out: Array
 ) -> None:
-    """What the device makes of the velocity along a beam (m/s; NaN where there is no water) and of its echo in a cell."""
+    """Write velocity, correlation and echo of one cell of a beam.
+
+    Args:
+        head, row, ensemble, out: as of `hear_cells`.
+        velocity: true velocity along the beam, m/s; NaN without water.
+        strength: signal over noise, as a ratio.
+        number: of beam and cell.
+    """
     exact, place = head.exact != 0, row.place
     correlation = row.nominal / (1.0 + 1.0 / strength)
     if not exact:
@@ -218,7 +253,7 @@ def _tell_cell(
 def _hear_beam(
     head: Any, row: Any, now: Array, ensemble: Ensemble, i: int, boundary: tuple[float, float], out: Array
 ) -> None:
-    """As `hear_cells`, of beam i: point by point."""
+    """Do what `hear_cells` does for beam i, point by point; `boundary` as of `boundary_of`."""
     beam, slant, still = _beam(ensemble.q, row, i), row.direction[i, 2], place_of(now).moves == 0
     near, speed = boundary
     flow = _along(now, ensemble, beam, 0.0) if still else 0.0
@@ -230,7 +265,7 @@ def _hear_beam(
         back = math.nan
         if r < row.distance[i]:
             back = flow if still else _along(now, ensemble, beam, r)
-        # Beyond the shortest way to bottom or surface, their echo through the side lobes arrives together with that of the water.
+        # Beyond the shortest distance to bottom or surface, their echo through the side lobes arrives together with that of the water.
         leak = row.side_lobe if r > near else 0.0
         back, back_weight = back + leak * speed, 1.0 + leak
         if j >= 2 and j % 2 == 0:
@@ -240,18 +275,17 @@ def _hear_beam(
             if not math.isnan(velocity):
                 at = point_of(row.blanking, row.cell, j - 1) / slant / ensemble.stretch
                 strength = math.inf if head.exact != 0 else _strength(row, ensemble, slant, at) * total
-            _tell_cell(head, row, ensemble, velocity, strength, (j // 2 - 1) * row.beams + i, out)
+            _write_cell(head, row, ensemble, velocity, strength, (j // 2 - 1) * row.beams + i, out)
 
 
 @compiled
 def hear_cells(head: Any, row: Any, now: Array, ensemble: Ensemble, boundary: tuple[float, float], out: Array) -> None:
-    """Fill in velocities, echoes and correlations of each cell and beam; nothing behind what a beam meets.
+    """Write velocity, echo and correlation of each cell and beam; nothing behind what a beam hits.
 
     Args:
-        head, row: of the sensor.
-        now: what it sees.
-        ensemble: this one.
-        boundary: of `boundary_of`.
+        head, row, now: of the sensor.
+        ensemble: of this reading.
+        boundary: as `boundary_of` returns it.
         out: the reading.
     """
     for i in range(row.beams):
@@ -260,13 +294,13 @@ def hear_cells(head: Any, row: Any, now: Array, ensemble: Ensemble, boundary: tu
 
 @compiled
 def _has_lock(head: Any, row: Any, ensemble: Ensemble, i: int, speed: float) -> bool:
-    """Whether bottom track hears what beam i meets."""
+    """Return whether bottom track detects what beam i hits; `speed`: along the beam, m/s."""
     r, cosine = row.distance[i], row.direction[i, 2]
     if row.surface[i] != 0 or not row.bottom_low <= r * cosine <= row.bottom_high or abs(speed) > row.bottom_speed:
         return False
     if head.exact != 0:
         return True
-    # Sediment below a level device is just heard at the largest altitude.
+    # At the largest altitude, sediment below a level device is just detected.
     reach = row.bottom_high / cosine
     back = row.back[i] / (MU_SEDIMENT * cosine**2)
     return bool(back * (reach / max(r, 1e-3)) ** 2 * 10.0 ** (0.2 * ensemble.decay * (reach - r)) >= 1.0)
@@ -274,7 +308,7 @@ def _has_lock(head: Any, row: Any, ensemble: Ensemble, i: int, speed: float) -> 
 
 @compiled
 def track_bottom(head: Any, row: Any, ensemble: Ensemble, out: Array) -> bool:
-    """Fill in the values of bottom track; whether three beams have lock, and with them velocity over ground and altitude."""
+    """Write ranges, velocity over ground and altitude of bottom track. Returns whether three beams have lock, which velocity and altitude need."""
     n, v, place = row.slanted, ensemble.v, row.place
     ranges, speeds = out[place[BEAM_RANGES] : place[BEAM_RANGES] + n], np.full(n, np.nan)
     for i in range(n):
@@ -287,9 +321,9 @@ def track_bottom(head: Any, row: Any, ensemble: Ensemble, out: Array) -> bool:
             e, f = normals(head.key, head.number, SAMPLE, i)
             speeds[i] = ensemble.gain * speed + row.bottom_sigma * e
             ranges[i] = max(ensemble.stretch * row.distance[i] + row.bottom_range_sigma * f, 1e-3)
-    if told_by(ranges) < 3:
+    if count_values(ranges) < 3:
         return False
-    spread = spread_of(row.direction, ranges)
+    spread = inverse_of(row.direction, ranges)
     altitude = altitude_of(row.direction, spread, ranges)
     if math.isnan(altitude):
         return False

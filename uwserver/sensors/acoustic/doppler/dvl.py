@@ -1,4 +1,4 @@
-"""Doppler velocity log: Janus beams as rays, bottom and water track, least squares over the beams that have lock."""
+"""Doppler velocity log: beams as rays, bottom and water track, and least squares over the beams in lock."""
 
 from __future__ import annotations
 
@@ -17,8 +17,17 @@ from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.kernel.random import SAMPLE, normals, uniforms
 from uwserver.physics.rays.raycast import SURFACE
 from uwserver.ports import Argument, Field
-from uwserver.sensors.acoustic.echo import MU_SEDIMENT
-from uwserver.sensors.acoustic.janus import ALTITUDE, BEAMS, MOST_BEAMS, along, slanted, solve_bottom, track_water
+from uwserver.sensors.acoustic.doppler.janus import (
+    ALTITUDE,
+    BEAMS,
+    MOST_BEAMS,
+    along,
+    directions_of,
+    slanted,
+    solve_bottom,
+    track_water,
+)
+from uwserver.sensors.acoustic.echo import MU_SEDIMENT, SOUND_SPEED_ARGUMENT, fill_row, lay_ray, or_truth, pings
 from uwserver.sensors.bank import (
     MISSING,
     Bank,
@@ -46,36 +55,36 @@ from uwserver.units import rad
 
 MOST_MODES = 8
 _MISTAKES = 32
-"""First lane of random numbers for wrong echoes; each beam's own noise begins at 0, and that of the water track at `janus.WATER`."""
+"""First lane of random numbers for wrong echoes. The lanes of each beam's noise begin at 0, and those of water track at `janus.WATER`."""
 THRESHOLD = 4.0
 """Signal over noise (ratio of intensities) at which a beam has lock: 6 dB."""
 _CLEAR = 0.8
-"""Water track looks no farther than this part of the distance to the bottom, whose side-lobe echo would spoil it (TRDI Pathfinder guide)."""
+"""Water track reaches at most this part of the distance to the bottom, whose echo through the side lobes would spoil it (TRDI Pathfinder guide)."""
 
 
 class DvlConfig(SensorTable, tag="dvl", kw_only=True, frozen=True):
     """A Doppler velocity log. The sensor frame's z points along the axis of the beams.
 
-    `rate_hz` is how often it is asked at most; with `range_modes` it pings as the mode of its altitude allows.
+    `rate_hz` is an upper limit; with `range_modes` it pings as often as the mode for its altitude allows.
 
     Attributes:
-        ideal: exact values, lock wherever a beam reaches something.
+        ideal: exact values, and lock wherever a beam hits something.
         frequency_hz: of the sound; absorption depends on it.
         beam_angle_deg: of each beam from the axis.
         beam_azimuth_deg: of each beam about the axis, from x to y.
-        min_altitude_m, max_altitude_m: along the axis; the strength of the echo is such that sediment under a level device is just seen there.
+        min_altitude_m, max_altitude_m: along the axis; at the largest altitude, sediment below a level device is just detected.
         max_speed_mps: along a beam.
         beam_sigma_mps, range_sigma_m: white error of a beam's velocity and range per ping, at a strong echo.
-        scale_error, scale_sigma: of the velocity: known, and drawn once a run.
-        assumed_sound_speed_mps: what the device believes; default: the truth.
-        misalignment_rpy_deg: of the device against the sensor frame that it is thought to have.
-        false_echo_probability: a beam takes something else for the bottom.
-        false_echo_sigma_mps: of its velocity then.
-        processing_s: from the last echo to the delivery.
-        range_modes: rows of least altitude, largest altitude (m) and pings a second.
+        scale_error, scale_sigma: scale error of the velocity: a constant, and the standard deviation of a part drawn once a run.
+        assumed_sound_speed_mps: sound speed that the device believes; default: the true one.
+        misalignment_rpy_deg: true attitude of the device relative to the sensor frame that is assumed.
+        false_echo_probability: probability that a beam takes something else for the bottom.
+        false_echo_sigma_mps: error of its velocity then.
+        processing_s: time from the last echo to the delivery.
+        range_modes: rows of least altitude (m), largest altitude (m) and pings a second.
         range_mode: number of the row to keep, or -1 to follow the altitude.
-        tracking: what it measures against.
-        water_near_m, water_far_m: the layer of the water track, along the axis.
+        tracking: what it measures its velocity against.
+        water_near_m, water_far_m: limits of the layer of water track, along the axis.
         water_sigma_mps: white error of a beam's velocity against the water.
     """
 
@@ -109,7 +118,7 @@ class DvlConfig(SensorTable, tag="dvl", kw_only=True, frozen=True):
     water_sigma_mps: NonNegative = 0.015
 
     def __post_init__(self) -> None:
-        """ValueError where keys do not go together."""
+        """Raise ValueError if keys contradict each other."""
         if not self.min_altitude_m < self.max_altitude_m:
             raise ValueError("min_altitude_m must be less than max_altitude_m")
         if not self.water_near_m < self.water_far_m:
@@ -120,7 +129,7 @@ class DvlConfig(SensorTable, tag="dvl", kw_only=True, frozen=True):
             raise ValueError("each of range_modes needs a least altitude less than its largest")
 
     def traits(self) -> Traits:
-        """Its beams."""
+        """Return its stages of compiled code and its beams."""
         tilt = rad(self.beam_angle_deg)
         far = self.max_altitude_m / math.cos(tilt)
         return Traits(("soundings",), beams=slanted(tilt, self.beam_azimuth_deg, self.min_altitude_m, far))
@@ -130,7 +139,7 @@ class DvlConfig(SensorTable, tag="dvl", kw_only=True, frozen=True):
 
 
 class DvlSettings(Settings, frozen=True):
-    """See `DvlConfig`; `sound_speed` 0 stands for the truth."""
+    """See `DvlConfig`; `sound_speed` 0 stands for the true one."""
 
     max_altitude: Distance
     range_mode: Annotated[int, Meta(ge=-1)]
@@ -162,7 +171,7 @@ _RECORD = record(
 
 @compiled
 def _limits(row: Any) -> tuple[float, float, float]:
-    """Least and largest altitude (m) and period (s) of this ping."""
+    """Return least altitude (m), largest altitude (m) and period (s) of this ping."""
     if row.modes == 0:
         return row.low, row.high, 0.0
     mode = row.mode[row.m.mode if row.wanted < 0 else row.wanted]
@@ -170,40 +179,31 @@ def _limits(row: Any) -> tuple[float, float, float]:
 
 
 @compiled
-def _pings(head: Any, row: Any, now: Array, t: float) -> bool:
-    """Whether it pings now, under water; it has no reading while the last ping is not over."""
-    if t < row.m.ready - 1e-6:
-        head.ready = 0
-        return False
-    return bool(submergence(now, p_NS(head, now), t) > 0.0)
-
-
-@compiled
 def aim(
     head: Any, row: Any, now: Array, t: float, origin: Array, direction: Array, count: int
 ) -> tuple[int, float]:  # fmt: skip
-    """The beams of those that ping."""
-    if _pings(head, row, now, t):
-        p, q = p_NS(head, now), q_NS(head, now)
-        for i in range(row.beams):
-            beam = row.believed[i] if head.exact != 0 else row.real[i]
-            origin[count, 0], origin[count, 1], origin[count, 2] = p
-            direction[count, 0], direction[count, 1], direction[count, 2] = rotate(q, (beam[0], beam[1], beam[2]))
-            count += 1
-        return count, 1.05 * _limits(row)[1] / row.cosine
-    return count, 0.0
+    """Lay the beams if the device pings."""
+    if not pings(head, row, now, t):
+        return count, 0.0
+    p, q = p_NS(head, now), q_NS(head, now)
+    for i in range(row.beams):
+        beam = row.believed[i] if head.exact != 0 else row.real[i]
+        lay_ray(p, rotate(q, (beam[0], beam[1], beam[2])), count, origin, direction)
+        count += 1
+    return count, 1.05 * _limits(row)[1] / row.cosine
 
 
 @compiled
 def _follow(row: Any, locked: bool, altitude: float) -> None:
-    """Keep to the mode while the altitude is well within it; without lock try one after the other."""
+    """Choose the mode of the next ping: the present one while the altitude is well within it, else the closest one that fits.
+
+    Without lock the modes are tried one after the other.
+    """
     if row.modes == 0:
         return
     mode = row.m.mode
     if not locked:
         row.m.mode = (mode + 1) % row.modes
-        return
-    if row.mode[mode, 0] * 1.05 <= altitude <= row.mode[mode, 1] * 0.95:
         return
     best = -1
     for k in range(row.modes):
@@ -215,7 +215,10 @@ def _follow(row: Any, locked: bool, altitude: float) -> None:
 
 @compiled
 def _snr(head: Any, row: Any, now: Array, decay: float, direction: Array, k: int, hits: Any) -> float:
-    """Signal over noise of a beam: an extended bottom loses 20 lg r + 2 alpha r; at the largest altitude sediment is just seen."""
+    """Return signal over noise (a ratio) of ray k; `decay`: of intensity by absorption both ways, 1/m (exponent).
+
+    The echo of an extended bottom loses 20 lg r + 2 alpha r. At the largest altitude sediment is just detected.
+    """
     if head.exact != 0:
         return math.inf
     r = hits.distance[k]
@@ -229,7 +232,7 @@ def _snr(head: Any, row: Any, now: Array, decay: float, direction: Array, k: int
 
 @compiled
 def _hear(head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, first: int, hits: Any) -> float:
-    """Fill in a reading; returns the longest range (m) of a beam that hits something."""
+    """Write a reading. Returns the longest range of a beam that hits something, m."""
     p, exact = p_NS(head, now), head.exact != 0
     low, high, _ = _limits(row)
     limit, height = 1.05 * high / row.cosine, submergence(now, p, t)
@@ -258,7 +261,7 @@ def _hear(head: Any, row: Any, now: Array, t: float, out: Array, direction: Arra
         e, f = 0.0, 0.0
         if not exact:
             e, f = normals(head.key, head.number, SAMPLE, i)
-        # An echo near the noise counts for less.
+        # An echo near the noise is measured less precisely.
         speed = gain * speed + row.beam_sigma * (1.0 + 1.0 / max(snr, THRESHOLD)) * e
         seen = stretch * r + row.range_sigma * f
         if row.mistakes > 0.0 and not exact:
@@ -279,7 +282,7 @@ def _hear(head: Any, row: Any, now: Array, t: float, out: Array, direction: Arra
 def measure(
     head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
 ) -> None:  # fmt: skip
-    """The velocity, by what its beams hear."""
+    """Read the velocity from what the beams hear."""
     z = p_NS(head, now)[2]
     c, (_, high, period) = water_property(now, SOUND_SPEED, z), _limits(row)
     out[:], head.valid = MISSING, 0
@@ -293,7 +296,7 @@ def measure(
 
 
 class Dvl(BankSensor):
-    """Velocity over ground and through the water, altitude, and what each beam saw."""
+    """Gives velocity over ground and through the water, altitude, and what each beam measured."""
 
     doc = (
         "Doppler velocity log: velocity of the mount over ground (valid with at least three beams in lock) and relative to a layer of water, "
@@ -306,70 +309,54 @@ class Dvl(BankSensor):
 
     def __init__(self, mount: Pose, config: DvlConfig) -> None:
         self._config, self.exact, self.rays = config, config.ideal, len(config.beam_azimuth_deg)
-        self.fields, self.arguments = _fields(len(config.beam_azimuth_deg)), _arguments(config)
-        speed = 0.0 if config.assumed_sound_speed_mps is UNSET else config.assumed_sound_speed_mps
-        super().__init__(mount, DvlSettings(config.max_altitude_m, config.range_mode, config.tracking, speed))
+        n, low, high = len(config.beam_azimuth_deg), config.min_altitude_m, config.max_altitude_m
+        self.fields = (
+            Field("v_S", "m/s", "velocity of the mount over ground", "S", (3,)),
+            Field("altitude", "m", "distance of the bottom along the axis of the beams"),
+            Field("figure_of_merit", "m/s", "standard deviation of v_S that the device expects"),
+            Field("covariance_S", "m^2/s^2", "covariance of v_S that the device expects", "S", (3, 3)),
+            Field("beam_velocities", "m/s", "velocity along each beam; none without lock", shape=(n,)),
+            Field("beam_ranges", "m", "range along each beam; none without lock", shape=(n,)),
+            Field("beam_locks", "1", "whether each beam has lock", shape=(n,), type="bool"),
+            Field("v_water_S", "m/s", "velocity relative to a layer of water; none when not measured", "S", (3,)),
+        )
+        self.arguments = (
+            Argument("max_altitude", "float", "largest altitude", "m", False, minimum=low, maximum=high),
+            Argument("range_mode", "int", "number of the range mode to keep; -1 follows the altitude", required=False, minimum=-1),
+            Argument("tracking", "str", "what it measures against", required=False, choices=("bottom", "water", "both")),
+            SOUND_SPEED_ARGUMENT,
+        )  # fmt: skip
+        speed = or_truth(config.assumed_sound_speed_mps)
+        super().__init__(mount, DvlSettings(high, config.range_mode, config.tracking, speed))
 
     def fill(self, row: Any) -> None:
         c, s, n = self._config, self.settings, len(self._config.beam_azimuth_deg)
-        angle = rad(c.beam_angle_deg)
-        azimuths = [rad(a) for a in c.beam_azimuth_deg]
-        believed = np.array(
-            [(math.sin(angle) * math.cos(a), math.sin(angle) * math.sin(a), math.cos(angle)) for a in azimuths]
-        )
-        askew = Pose.from_degrees(c.misalignment_rpy_deg)
-        row["beams"], row["cosine"], row["frequency"] = n, math.cos(angle), c.frequency_hz
+        angle, askew = rad(c.beam_angle_deg), Pose.from_degrees(c.misalignment_rpy_deg)
+        believed = directions_of(angle, c.beam_azimuth_deg)
         row["believed"][:n], row["real"][:n] = believed, believed @ np.array(matrix(askew.q)).T
-        row["low"], row["high"], row["reach"], row["speed"] = (
-            c.min_altitude_m,
-            s.max_altitude,
-            c.max_altitude_m,
-            c.max_speed_mps,
-        )
-        row["beam_sigma"], row["range_sigma"], row["processing"] = c.beam_sigma_mps, c.range_sigma_m, c.processing_s
-        row["mistakes"], row["mistake_sigma"] = c.false_echo_probability, c.false_echo_sigma_mps
-        row["modes"], row["wanted"] = len(c.range_modes), s.range_mode
         row["mode"][: len(c.range_modes)] = np.reshape(c.range_modes, (-1, 3))
-        row["bottom"], row["water"] = s.tracking != "water", s.tracking != "bottom"
-        row["far"], row["water_sigma"], row["sound_speed"] = c.water_far_m, c.water_sigma_mps, s.sound_speed
+        fill_row(
+            row, beams=n, cosine=math.cos(angle), frequency=c.frequency_hz, low=c.min_altitude_m, high=s.max_altitude,
+            reach=c.max_altitude_m, speed=c.max_speed_mps, beam_sigma=c.beam_sigma_mps, range_sigma=c.range_sigma_m,
+            mistakes=c.false_echo_probability, mistake_sigma=c.false_echo_sigma_mps, processing=c.processing_s,
+            modes=len(c.range_modes), wanted=s.range_mode, bottom=s.tracking != "water", water=s.tracking != "bottom",
+            far=c.water_far_m, water_sigma=c.water_sigma_mps, sound_speed=s.sound_speed,
+        )  # fmt: skip
 
     def turn_on_row(self, memory: Any) -> None:
-        """Ready at once, in the first mode, with the scale error of this run."""
+        """Make the device ready at once, in the first mode or the one to keep, and draw its scale error."""
         c = self._config
         memory["scale"] = c.scale_error + c.scale_sigma * self.drawn(1)[0]
         memory["mode"] = max(c.range_mode, 0)
 
     def check(self, settings: Settings) -> None:
-        """The range mode must be one of the device's."""
+        """Raise Refused if the device has no such range mode."""
         assert isinstance(settings, DvlSettings)
         if settings.range_mode >= len(self._config.range_modes):
             raise out_of_range("range_mode", f"the device has {len(self._config.range_modes)} range modes, from 0 on")
 
     def valid(self, record: Memory | Settings) -> None:
-        """The range mode must be one of the device's."""
+        """Check also that the device has the range mode of a memory."""
         super().valid(record)
         if isinstance(record, DvlMemory) and record.mode >= max(1, len(self._config.range_modes)):
             raise ValueError(f'"mode" is {record.mode}, the device has {len(self._config.range_modes)} range modes')
-
-
-def _fields(n: int) -> tuple[Field, ...]:
-    return (
-        Field("v_S", "m/s", "velocity of the mount over ground", "S", (3,)),
-        Field("altitude", "m", "distance of the bottom along the axis of the beams"),
-        Field("figure_of_merit", "m/s", "standard deviation of v_S that the device expects"),
-        Field("covariance_S", "m^2/s^2", "covariance of v_S that the device expects", "S", (3, 3)),
-        Field("beam_velocities", "m/s", "velocity along each beam; none without lock", shape=(n,)),
-        Field("beam_ranges", "m", "range along each beam; none without lock", shape=(n,)),
-        Field("beam_locks", "1", "whether each beam has lock", shape=(n,), type="bool"),
-        Field("v_water_S", "m/s", "velocity relative to a layer of water; none when not measured", "S", (3,)),
-    )
-
-
-def _arguments(config: DvlConfig) -> tuple[Argument, ...]:
-    low, high = config.min_altitude_m, config.max_altitude_m
-    return (
-        Argument("max_altitude", "float", "largest altitude", "m", False, minimum=low, maximum=high),
-        Argument("range_mode", "int", "number of the range mode to keep; -1 follows the altitude", required=False, minimum=-1),
-        Argument("tracking", "str", "what it measures against", required=False, choices=("bottom", "water", "both")),
-        Argument("sound_speed", "float", "what the device believes; 0 for the truth", "m/s", False, minimum=0, maximum=2000),
-    )  # fmt: skip

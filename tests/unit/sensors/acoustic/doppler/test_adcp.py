@@ -1,6 +1,6 @@
 """The current profiler against closed forms: uniform and sheared water, motion, tilt, ambiguity, side lobes, blanking, noise, bottom track.
 
-Also of uwserver.sensors.acoustic.cell_echoes.
+Also of uwserver.sensors.acoustic.doppler.cell_echoes.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from uwserver.physics.kernel.layout import (
 )  # fmt: skip
 from uwserver.scenario.vehicle.profiles import check_profile
 from uwserver.sensors import Pose
-from uwserver.sensors.acoustic.adcp import AdcpConfig
+from uwserver.sensors.acoustic.doppler.adcp import AdcpConfig
 from uwserver.testing import FakeGeometry, check_sensor
 from uwserver.testing.fake_geometry import Plane
 from uwserver.testing.sensors import measured, scopes

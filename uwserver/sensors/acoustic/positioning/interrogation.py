@@ -1,12 +1,13 @@
-"""Asking acoustic beacons for their range, one after the other: what long and ultra-short baselines have in common.
+"""Asks acoustic beacons for their range, one after the other: what long and ultra-short baselines have in common.
 
-A beacon lies on the bottom, drifts or steams along, or sits on a vehicle. It hears the question, waits for its turn-around time and answers;
-the answer is delivered when its sound arrives. All of them may move meanwhile.
+A beacon lies on the bottom, drifts, is carried by a ship that steams along, or sits on a vehicle. It hears the question, waits for its turn-around
+time and answers. The reading is delivered when the sound of the answer arrives. Device and beacons may move meanwhile.
 """
 
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -17,8 +18,9 @@ from msgspec import UNSET, Meta, UnsetType
 
 from uwserver.environment.acoustics.channel import Path
 from uwserver.frames import Quat, Vec3, multiply, rotate
-from uwserver.modifiers.base import Memory, Number, Time
+from uwserver.modifiers.base import Measurement, Memory, Number, Time
 from uwserver.ports import Argument, Value
+from uwserver.sensors.acoustic.echo import SOUND_SPEED_ARGUMENT, or_truth
 from uwserver.sensors.acoustic.link import Link, LinkTable, stages_of
 from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, Settings, SoundSpeed, blank, earlier
 from uwserver.sensors.traits import KnownBeacon, Named, Traits
@@ -29,24 +31,24 @@ IDLE: Final = 0
 QUESTION: Final = 1
 TURN_AROUND: Final = 2
 ANSWER: Final = 3
-"""What is under way."""
+"""Legs of an exchange: nothing is under way, the question travels, the beacon waits, the answer travels."""
 _CLOSING = 0.02
-"""Beacon and device come nearer to each other at most with this part of the sound speed, or an arrival is noticed up to a little later."""
+"""Largest closing speed of beacon and device, as a part of the sound speed. If they are faster, an arrival is noticed a little late."""
 _STALE_S = 0.25
-"""A device that was silent for longer has missed the sound."""
+"""A device that is asked only this long after a sound has arrived, as a fault kept it silent, has missed the sound."""
 _EXACT_S = 1e-12
 _LATER_NS = NANOSECONDS // 50
 _Normal = Annotated[float, Meta(ge=-100, le=100)]
 
 
 class Beacon(Table, kw_only=True, frozen=True):
-    """A transponder: at a place of N (which may move), or on a vehicle.
+    """A transponder: at a position in N, fixed or with a constant velocity, or on a vehicle.
 
     Attributes:
-        position_ned_m, velocity_ned_mps: at t = 0, and as it drifts, or as the ship steams that carries it.
-        vehicle: name of the one that carries it, at `position_frd_m` of its frame.
-        survey_error_ned_m: the beacon is not where it is thought to be.
-        turn_around_s: between question and answer; the device takes it off.
+        position_ned_m, velocity_ned_mps: position at t = 0, and velocity with which it drifts or its ship steams.
+        vehicle: name of the vehicle that carries it, at `position_frd_m` in that vehicle's frame.
+        survey_error_ned_m: true position minus the position that is known.
+        turn_around_s: time between question and answer; the device subtracts it.
     """
 
     position_ned_m: Vector3 | UnsetType = UNSET
@@ -57,12 +59,12 @@ class Beacon(Table, kw_only=True, frozen=True):
     turn_around_s: NonNegative = 0.0
 
     def __post_init__(self) -> None:
-        """ValueError where it is not clear where the beacon is."""
+        """Raise ValueError if the table gives no position, or two."""
         if (self.position_ned_m is UNSET) == (self.vehicle is UNSET):
             raise ValueError("give exactly one of position_ned_m and vehicle")
 
     def position(self, scope: Scope, ago: float = 0.0) -> Vec3 | None:
-        """p_N (m), a little while ago (s); None when its vehicle is gone."""
+        """Return its true position in N (m), `ago` seconds ago; None if its vehicle is gone."""
         ex, ey, ez = self.survey_error_ned_m
         if isinstance(self.vehicle, str):
             place = scope.vehicles.get(self.vehicle)
@@ -76,7 +78,7 @@ class Beacon(Table, kw_only=True, frozen=True):
         return (x + ex, y + ey, z + ez)
 
     def known(self, name: str) -> KnownBeacon:
-        """The same, as others know it."""
+        """Return the beacon as its operator knows it."""
         if isinstance(self.vehicle, str):
             return KnownBeacon(name, self.position_frd_m, self.vehicle, self.turn_around_s)
         assert isinstance(self.position_ned_m, tuple)
@@ -84,17 +86,19 @@ class Beacon(Table, kw_only=True, frozen=True):
 
 
 class InterrogationTable(LinkTable, kw_only=True, frozen=True):
-    """What an interrogator of beacons needs. `rate_hz` at most: a question waits for the answer to the last one, or until none can come any more.
+    """The keys of an interrogator of beacons.
+
+    `rate_hz` is an upper limit: a question waits for the answer to the last one, or until that can no longer come.
 
     Attributes:
         beacons: by name; asked in this order, one at a time.
-        max_range_m: a device setting; what comes from farther comes too late.
-        fading_sigma_db: normal variation of the signal from question to question.
-        assumed_sound_speed_mps: what the device believes; default: the truth where it is mounted.
+        max_range_m: a setting of the device; an answer from farther away comes too late.
+        fading_sigma_db: standard deviation of the signal level from question to question.
+        assumed_sound_speed_mps: sound speed that the device believes; default: the true one at its mount.
         turn_around_sigma_s: white error of the beacon's turn-around time.
-        multipath_probability: sound that comes later by the surface is taken for the one that is meant: late, never early.
-        clearance_m: what stands nearer than this to the beacon does not hide it, so that its own vehicle does not.
-        processing_s: from the arrival to the delivery.
+        multipath_probability: probability that the later arrival by the surface is taken for the direct one; this makes ranges longer, never shorter.
+        clearance_m: solids nearer to the beacon than this do not hide it, so that its own vehicle does not.
+        processing_s: time from the arrival to the delivery.
     """
 
     example: ClassVar[Mapping[str, Any]] = {"beacons": {"beacon": {"position_ned_m": [0.0, 0.0, 0.0]}}}
@@ -108,7 +112,7 @@ class InterrogationTable(LinkTable, kw_only=True, frozen=True):
     processing_s: NonNegative = 0.0
 
     def traits(self) -> Traits:
-        """Its beacons."""
+        """Return its stages of compiled code, its beacons and their vehicles."""
         names = tuple(
             Named(("beacons", name, "vehicle"), "vehicles", beacon.vehicle)
             for name, beacon in self.beacons.items()
@@ -119,7 +123,7 @@ class InterrogationTable(LinkTable, kw_only=True, frozen=True):
 
 
 class InterrogationSettings(Settings, frozen=True):
-    """See `InterrogationTable`; `sound_speed` 0 stands for the truth."""
+    """See `InterrogationTable`; `sound_speed` 0 stands for the true one."""
 
     max_range: Distance
     gain: Gain
@@ -129,14 +133,14 @@ class InterrogationSettings(Settings, frozen=True):
 class Exchange(Memory):
     """Attributes:
     ready: time of the next question, s.
-    beacon: number of the one that is asked then, or now.
-    leg: what is under way: `IDLE`, `QUESTION`, `TURN_AROUND` or `ANSWER`.
-    wake: when that may be over, s.
-    asked: when the question was sent, s.
-    left: when the sound left that is under way, s.
-    p: where it left, in N, m.
-    first: how long the first way took, s.
-    away: how far it was, straight, m.
+    beacon: number of the beacon that is asked now, or next.
+    leg: `IDLE`, `QUESTION`, `TURN_AROUND` or `ANSWER`.
+    wake: time at which the leg may be over, s.
+    asked: time at which the question was sent, s.
+    left: time at which the sound under way was sent, s.
+    p: position in N from which it was sent, m.
+    first: travel time of the question, s.
+    away: straight distance that the question travelled, m.
     snr_db: signal over noise, dB.
     draws: normal random numbers of the exchange: fading, arrivals at beacon and device, turn-around, multipath."""
 
@@ -154,15 +158,15 @@ class Exchange(Memory):
 
 
 class Answer(NamedTuple):
-    """What comes back from a beacon.
+    """The answer of a beacon.
 
     Attributes:
-        p_BN: exact place in N from where the beacon answered, m.
-        p_NS, q_NS: exact pose of the device when it heard that.
-        distance: exact and straight, the mean of both ways, m.
-        path: of the sound, seen from the device to the beacon.
-        travel_time: of both ways with the errors, without the turn-around, s.
-        snr: signal over noise, as a ratio; inf when ideal.
+        p_BN: true position in N from which the beacon answered, m.
+        p_NS, q_NS: true pose of the device when it heard the answer.
+        distance: true straight distance, mean of both ways, m.
+        path: of the sound, from the device to the beacon.
+        travel_time: of both ways with errors, without the turn-around time, s.
+        snr: signal over noise, as a ratio; inf for an ideal device.
     """
 
     p_BN: Vec3
@@ -174,20 +178,10 @@ class Answer(NamedTuple):
     snr: float
 
 
-class Outcome(NamedTuple):
-    """How an exchange ended: name of the beacon, its answer (None: there is none), the time (s) from the question to the delivery of the
-    reading, and when the question was sent (ns)."""
-
-    name: str
-    answer: Answer | None
-    wait: float
-    asked_ns: int
-
-
 class Interrogator(Sensor):
-    """The questions of one device; subclasses make readings of the answers.
+    """Asks the beacons of one device. Subclasses make readings of the answers; their first field is the name of the beacon.
 
-    An exchange takes as long as its sound: question and answer each meet who hears them where he is by then, not where he was.
+    An exchange takes as long as its sound: question and answer each reach the receiver where it is by then, not where it was at the start.
     """
 
     paces = True
@@ -202,26 +196,25 @@ class Interrogator(Sensor):
         self.arguments = (
             Argument("max_range", "float", "largest distance of a beacon", "m", False, minimum=1, maximum=config.max_range_m),
             Argument("gain", "float", "added to the source level of both sides", "dB", False, minimum=-60, maximum=0),
-            Argument("sound_speed", "float", "what the device believes; 0 for the truth", "m/s", False, minimum=0, maximum=2000),
+            SOUND_SPEED_ARGUMENT,
         )  # fmt: skip
-        speed = 0.0 if config.assumed_sound_speed_mps is UNSET else config.assumed_sound_speed_mps
-        super().__init__(InterrogationSettings(config.max_range_m, 0.0, speed))
+        super().__init__(InterrogationSettings(config.max_range_m, 0.0, or_truth(config.assumed_sound_speed_mps)))
 
     def turn_on(self) -> Exchange:
-        """Ready at once, the first beacon first."""
+        """Return the memory of a device that asks the first beacon at once."""
         return Exchange()
 
     def load_kernels(self) -> None:
         self._link.load_kernels()
 
     def valid(self, record: Memory | Settings) -> None:
-        """The beacon must be one of the table's."""
+        """Check also that the beacon is one of the table's."""
         super().valid(record)
         if isinstance(record, Exchange) and record.beacon >= len(self._names):
             raise ValueError(f'"beacon" is {record.beacon}, there are {len(self._names)} beacons')
 
     def believed(self, c: float) -> float:
-        """The sound speed (m/s) that the device counts with, where it is c."""
+        """Return the sound speed that the device uses where the true one is c, m/s."""
         return c if self._table.ideal or not self.settings.sound_speed else self.settings.sound_speed
 
     @property
@@ -229,7 +222,7 @@ class Interrogator(Sensor):
         return None if self.memory.leg == IDLE else self.memory.wake
 
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
-        """A whole exchange at once, with device and vehicles where they are."""
+        """Return a reading after a whole exchange, with the device and all vehicles at rest where they are."""
         still = replace(scope, v_NB_B=(0.0, 0.0, 0.0), w_NB_B=(0.0, 0.0, 0.0))
         reading = self.sense(still)
         while reading is None and self.wake is not None:
@@ -237,8 +230,12 @@ class Interrogator(Sensor):
             reading = self.sense(still)
         return (False, blank(self.fields)) if reading is None else (reading.valid, reading.values)
 
-    def exchange(self, scope: Scope) -> Outcome | None:
-        """Go on with the exchange under way, or ask the next beacon when it is time; None until it is over."""
+    @abstractmethod
+    def values(self, scope: Scope, answer: Answer) -> list[Value]:
+        """Return the values of a reading behind the name of the beacon."""
+
+    def sense(self, scope: Scope) -> Measurement | None:
+        """Go on with the exchange under way, or ask the next beacon when it is time. Return its reading, or None until the exchange is over."""
         m, now = self.memory, scope.t
         if m.leg == IDLE:
             if now < m.ready - 1e-6:
@@ -262,16 +259,16 @@ class Interrogator(Sensor):
             if p is None or now - m.wake > _STALE_S or scope.submergence(p) <= 0.0:
                 return self._over(scope, None)
             m.leg, m.left, m.p = ANSWER, m.wake, p
-        return self._hear(scope, beacon)
+        return self._hear(scope)
 
     @property
     def _name(self) -> str:
         return self._names[self.memory.beacon]
 
     def _ask(self, scope: Scope) -> bool:
-        """Send the question; False where no beacon will hear it."""
+        """Send the question. Return False if the beacon will not hear it."""
         m, table = self.memory, self._table
-        # Drawn whether needed or not: what one beacon does must not shift another's errors.
+        # Drawn even if they are not needed, so that what one beacon does never shifts the errors of another.
         fading, first, second, turn, luck = self.rng.standard_normal(5).tolist()
         m.draws = (fading, first, second, turn, luck)
         m.asked = m.left = scope.t
@@ -294,8 +291,15 @@ class Interrogator(Sensor):
     def _meet(
         self, scope: Scope, where: Callable[[float], Vec3 | None]
     ) -> tuple[float, Vec3 | None, Path | None] | None:
-        """How long ago (s) the sound under way met something that was at `where` so long ago; there, and by which way (None: by none). None while
-        it is still under way."""
+        """Find when and where the sound under way reaches something that moves; None while the sound is still under way.
+
+        Args:
+            scope: the present instant.
+            where: gives its position in N (m) so many seconds ago; None if it is gone.
+
+        Returns:
+            How long ago (s) the sound arrived, the position (None: it is gone), and the path of the sound (None: no path leads there).
+        """
         m, now = self.memory, scope.t
         start = m.p
         ago, p = 0.0, where(0.0)
@@ -308,6 +312,7 @@ class Interrogator(Sensor):
         if late < 0.0:
             m.wake = now - late * (1.0 - _CLOSING)
             return None
+        # Fixed-point iteration over the time of arrival: the receiver moves far slower than sound.
         for _ in range(20):
             ago += late
             before, p = p, where(ago)
@@ -322,7 +327,8 @@ class Interrogator(Sensor):
                 break
         return ago, p, path
 
-    def _hear(self, scope: Scope, beacon: Beacon) -> Outcome | None:
+    def _hear(self, scope: Scope) -> Measurement | None:
+        """Return the reading when the answer has reached the device; None while it is under way."""
         m, table = self.memory, self._table
         nu = (*scope.v_NB_B, *scope.w_NB_B)
 
@@ -354,8 +360,8 @@ class Interrogator(Sensor):
         mean = 0.5 * (m.away + distance)
         return self._over(scope, Answer(p, p_NS, multiply(q, self._mount.q), mean, path, travel, snr))
 
-    def _over(self, scope: Scope, answer: Answer | None) -> Outcome:
-        """End the exchange; the next question goes to the next beacon, when this reading is delivered."""
+    def _over(self, scope: Scope, answer: Answer | None) -> Measurement:
+        """End the exchange and return its reading. When that is delivered, the next beacon is asked."""
         m, table, name = self.memory, self._table, self._name
         turn_around, asked = table.beacons[name].turn_around_s, m.asked
         c = scope.water.sound_speed(scope.position(self._mount.p)[2])
@@ -364,19 +370,21 @@ class Interrogator(Sensor):
             answer = None
         wait = (patience if answer is None else answer.travel_time + turn_around) + table.processing_s
         m.leg, m.ready, m.beacon = IDLE, asked + wait, (m.beacon + 1) % len(self._names)
-        return Outcome(name, answer, wait, round(asked * NANOSECONDS))
+        values = blank(self.fields[1:]) if answer is None else self.values(scope, answer)
+        delay_ns, since_ns = round(wait * NANOSECONDS), scope.t_ns - round(asked * NANOSECONDS)
+        return Measurement([name, *values], answer is not None, delay_ns, since_ns=since_ns)
 
     @property
     def _gain(self) -> float:
-        """Setting and fading, dB."""
+        """Return the gain of the device plus the fading of the exchange, dB."""
         return self.settings.gain + self._table.fading_sigma_db * self.memory.draws[0]
 
     def _path(self, scope: Scope, a: Vec3, b: Vec3) -> Path | None:
-        """The way of sound from a to b that is heard, which is that from b to a; None in silence."""
+        """Return the path of sound from a to b that the receiver takes, which is also the path from b to a; None if it hears nothing."""
         return self._link.heard(self._link.paths(scope, a, b), self._gain)
 
     def _hidden(self, scope: Scope, p_NS: Vec3, p: Vec3, distance: float) -> bool:
-        """Whether something solid stands between."""
+        """Return whether a solid stands between device and beacon."""
         free = distance - self._table.clearance_m
         if free <= 0.0:
             return False

@@ -1,4 +1,4 @@
-"""The DVL against closed forms over planes, its errors against theory, and what makes it lose lock. Also of uwserver.sensors.acoustic.janus."""
+"""The DVL against closed forms over planes, its errors against theory, and what makes it lose lock."""
 
 from __future__ import annotations
 

@@ -1,0 +1,1 @@
+"""Acoustic positioning: the instruments that ask beacons for their range and direction."""
