@@ -11,7 +11,7 @@ from uwserver.modifiers.columns import columns_of
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Field, Value
 from uwserver.sensors.base import IdealSensor, Scope
-from uwserver.sensors.writing import Writing
+from uwserver.sensors.others import Writing
 
 _STATE = (
     Field("mode", "1", "manual, stabilise, depth_hold ...", type="str"),

@@ -1,4 +1,4 @@
-"""Sensors a vehicle can carry: one file a kind, one line in the union."""
+"""The sensors that a vehicle can carry: each kind has one file, and one line in the union below."""
 
 from __future__ import annotations
 

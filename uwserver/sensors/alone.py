@@ -1,4 +1,4 @@
-"""The instant that a sensor alone sees, from a scope in plain Python."""
+"""The arrays that a sensor outside a world sees, made from a scope in Python."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from uwserver.sensors.wiring import ELECTRIC, Touch
 
 
 def _touching(touches: Sequence[Touch]) -> Touching:
-    """The contacts of the one body that there is, which is in row 0; others keep their rows in the world."""
+    """Return the contacts of the only body, which is in row 0. The other bodies keep the rows that they have in the world."""
     n, made = len(touches), Touching(len(touches))
     rows, nothing = np.array([touch.other for touch in touches], np.int64), np.zeros((n, 3))
     points = np.array([touch.point for touch in touches]).reshape(n, 3)
@@ -31,10 +31,10 @@ def _touching(touches: Sequence[Touch]) -> Touching:
 
 
 class Alone:
-    """Keeps the arrays whose addresses are in `table`."""
+    """Keeps the arrays whose addresses are in `table` (`surroundings.FORMS`)."""
 
     def __init__(self, scope: Scope, voices: Records = NO_VOICES) -> None:
-        """Of a scope, and of sonars that are heard."""
+        """Fill the arrays from a scope and from (n) VOICE of the sonars that are heard."""
         state: FloatArray = np.array([[*scope.p_NB, *scope.q_NB, *scope.v_NB_B, *scope.w_NB_B]])
         wiring = scope.wiring
         bodies: Any = np.zeros(1, layout.BODY)

@@ -1,10 +1,10 @@
-"""Sensors of one kind as rows of a bank, which compiled code measures all at once.
+"""Sensors whose readings compiled code makes: all sensors of a kind are rows of arrays, and one kernel reads those that are due.
 
-A kind of a bank has, in one file, its table, its fields, the record of one sensor (`record`), and the kernel ``measure(head, row, now, t, out)``
-that reads the world for one of them: ``bank = Bank(RECORD, loop(measure))``, or `ray_loop` where it casts rays.
+Such a kind has, in one file, its table, its fields, the record of one sensor (`record`), and the kernel ``measure(head, row, now, t, out)``, which
+reads the world for one sensor: ``bank = Bank(RECORD, loop(measure))``, or `ray_loop` if it casts rays.
 
-What `measure` may ask is in `uwserver.sensors.instant`; it sets `valid`, `ready`, `delay_ns` and `since_ns` of its head where these are not those
-of a valid reading of this instant, and draws the random numbers of `head.key` and `head.number`.
+`measure` asks the world through the functions of `uwserver.sensors.instant`. A reading is valid, and of this instant, unless `measure` sets
+`valid`, `ready`, `delay_ns` or `since_ns` of its head. It draws the random numbers of `head.key` and `head.number`.
 """
 
 from __future__ import annotations
@@ -32,41 +32,41 @@ from uwserver.sensors.voices import NO_VOICES
 HEAD = np.dtype(
     [
         ("body", "i8"),  # row of the body that carries it
-        ("row", "i8"),  # in the bank of its kind
-        ("first", "i8"),  # place of its reading among the numbers
+        ("row", "i8"),  # its record among those of its kind
+        ("first", "i8"),  # place of its reading in the array of numbers
         ("width", "i8"),
-        ("exact_first", "i8"),  # place of what it would have read without errors; -1 where nobody asks
-        ("stream_first", "i8"),  # its own stream, and then the others
+        ("exact_first", "i8"),  # place of the reading without errors; -1 if nobody reads that
+        ("stream_first", "i8"),  # its own stream; further ones follow
         ("stream_count", "i8"),
-        ("number", "i8"),  # readings made
-        ("key", "u8"),  # of its random numbers
+        ("number", "i8"),  # readings made so far
+        ("key", "u8"),  # key of its random numbers
         ("p", "f8", (3,)),  # p_BS, m
         ("q", "f8", (4,)),  # q_BS
-        ("to_S", "f8", (4,)),  # its inverse
+        ("to_S", "f8", (4,)),  # inverse of q
         ("dt", "f8"),  # time between readings, s
         ("latency_ns", "i8"),
         ("exact", "i8"),  # 1: it has no errors of its own
         ("silent", "i8"),  # 1: a fault keeps it from reading
-        ("rays", "i8"),  # how many it casts at most at a time
-        ("sees_own", "i8"),  # 1: these meet what carries it, too
-        ("voice", "i8"),  # row of its voice among those of all sonars; -1 of who sends no sound
-        ("shadow", "i8"),  # 1: it is only asked what it would read without errors, and must act on nothing
-        # Of the last reading, as `modifiers.Measurement`:
-        ("ready", "i8"),  # 0: it had none to give
+        ("rays", "i8"),  # most rays that it casts in a reading
+        ("sees_own", "i8"),  # 1: the rays also meet the body that carries it
+        ("voice", "i8"),  # row of its VOICE among those of all sonars; -1 if it sends no sound
+        ("shadow", "i8"),  # 1: only the reading without errors is asked for, so it must not change the world
+        # The last reading, as in `modifiers.Measurement`:
+        ("ready", "i8"),  # 0: there was no reading
         ("valid", "i8"),
         ("exact_valid", "i8"),
         ("delay_ns", "i8"),
         ("since_ns", "i8"),
     ]
 )
-"""What the rows of all kinds have."""
+"""The head of a sensor: what the rows of all kinds have in common."""
 
 MISSING = np.nan
-"""A number that a reading does not have."""
+"""Stands for a number that a reading does not have."""
 
 
 def _seen(*names: str) -> Iterator[Any]:
-    """Questions to the world by their names in `instant`, which needs numba to be imported."""
+    """Return functions of `instant` by name. They are imported when a kernel is compiled, because `instant` imports numba."""
     return (Elsewhere("uwserver.sensors.instant", name) for name in names)
 
 
@@ -83,14 +83,14 @@ sound_absorption, ground_of, echo_of, meet_surface = _seen("absorption", "ground
 shaft_speed, power, supply_voltage, supply = _seen("shaft_speed", "power", "supply_voltage", "supply")
 (_team_at,) = _seen("team_at")
 _share: Any = Elsewhere("uwserver.physics.kernel.sharing", "share")
-_LEAST = 16  # sensors that a thread reads at a time: some 5 us
+_LEAST = 16  # sensors that a thread reads at a time: about 5 us
 _MOST_AIMS = 2
-_LOOP = "run_"  # how the names of loops begin that are made of what reads one sensor
+_LOOP = "run_"  # prefix of the name of a loop that is made of a kernel for one sensor
 
 
 @compiled
 def begins(head: Any) -> bool:
-    """Whether a sensor that is due reads; its reading is then valid and of this instant, unless it says otherwise."""
+    """Return whether a sensor that is due reads. Its reading then counts as valid and of this instant, until the kernel says otherwise."""
     head.ready, head.valid = 1 - head.silent, 1
     head.delay_ns = head.since_ns = 0
     return bool(head.silent == 0)
@@ -98,29 +98,31 @@ def begins(head: Any) -> bool:
 
 @inlined
 def reading_of(head: Any, numbers: Array) -> Array:
-    """Where it writes its reading."""
+    """Return the part of `numbers` into which a sensor writes its reading."""
     return numbers[head.first : head.first + head.width]
 
 
 def record(parameters: list[Any], memory: list[Any] | None = None) -> np.dtype[Any]:
-    """The record of a sensor: parameters and settings, and as ``m`` what it remembers from reading to reading. In whole numbers of 64 bits."""
+    """Return the record type of a sensor: parameters and settings, and its memory as ``m``. The size is padded to a multiple of 64 bits."""
     kept = ("m", np.dtype(memory or [("nothing", "i8")]))
     rest = -np.dtype([*parameters, kept]).itemsize % 8
     return np.dtype([*parameters, ("rest", "u1", (rest,)), kept] if rest else [*parameters, kept])
 
 
 class Bank(NamedTuple):
-    """What a kind gives its bank.
+    """The record type and the kernels of a kind.
 
-    A loop that aims gets what `run` gets, and after it arrays of rays to fill in: `origin` and `direction` (n, 3) in N, and `first` (m + 1), the
-    ray with which those of each sensor begin; then `Hits` of the rays that were in these arrays before. It returns how far the rays reach, m.
+    A loop that aims has the arguments of `run`, and then arrays of rays to fill in: `origin` and `direction` (n, 3) in N, and `first` (m + 1), the
+    number of the first ray of each sensor. The last argument is the `Hits` of the rays that these arrays held before. The loop returns how far the
+    rays reach, m.
 
     Attributes:
-        record: of one sensor.
-        run: the loop over those that are due; where there are `aims`, with what their last rays hit.
-        aims: loops that cast rays, two at most, each after what those of the one before have hit. What carries a sensor is seen by those alone whose
-            `sees_own` says so.
-        acts: a reading changes what others read: one thread makes them all, in their order. Else, and where no rays are cast, threads share the loop.
+        record: record type of one sensor.
+        run: the loop over the sensors that are due. If there are `aims`, it gets what their last rays hit.
+        aims: loops that aim rays, at most two. The second one knows what the rays of the first have hit. Rays meet the body that carries their
+            sensor only if the sensor has `sees_own`.
+        acts: a reading changes what other sensors read, so one thread makes all of them, in order. Otherwise threads share the loop, if the kind
+            casts no rays.
     """
 
     record: np.dtype[Any]
@@ -130,7 +132,7 @@ class Bank(NamedTuple):
 
 
 def loop(measure: Deferred) -> Deferred:
-    """The loop over those that are due, of a kind that casts no rays: ``measure(head, row, now, t, out)`` reads one of them."""
+    """Return the loop of a kind that casts no rays. ``measure(head, row, now, t, out)`` reads one sensor."""
 
     def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
         for k in due:
@@ -141,7 +143,7 @@ def loop(measure: Deferred) -> Deferred:
 
 
 def ray_loop(measure: Deferred) -> Deferred:
-    """The same of a kind that has cast rays, those from `begin` to `end`: ``measure(head, row, now, t, out, direction, begin, end, hits)``."""
+    """Return the loop of a kind that casts rays. ``measure(head, row, now, t, out, direction, begin, end, hits)`` gets rays `begin` to `end`."""
 
     def run(
         heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, direction: Array, first: Array, hits: Any
@@ -156,8 +158,8 @@ def ray_loop(measure: Deferred) -> Deferred:
 
 
 def aim_loop(aim: Deferred) -> Deferred:
-    """The loop that aims, of a kind whose ``aim(head, row, now, t, origin, direction, count)`` lays the rays of one sensor, beginning with that
-    number; it returns how many rays there are then, and how far these reach, m."""
+    """Return the loop that aims the rays of a kind. ``aim(head, row, now, t, origin, direction, count)`` writes the rays of one sensor from number
+    `count` on, and returns the number of rays so far and how far its own rays reach, m."""
 
     def aim_all(
         heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
@@ -176,7 +178,7 @@ def aim_loop(aim: Deferred) -> Deferred:
 
 
 def _named_as(function: Any, written: Deferred, prefix: str = "") -> Deferred:
-    """An entry with a name of its own in the cache, and the place of what was written for its kind, of which faults tell."""
+    """Return an entry with a name of its own in the cache. Errors report the place of the function that was written for the kind."""
     code = written.py_func.__code__
     function.__code__ = function.__code__.replace(co_filename=code.co_filename, co_firstlineno=code.co_firstlineno)
     function.__module__, function.__qualname__ = written.py_func.__module__, prefix + written.py_func.__qualname__
@@ -185,7 +187,7 @@ def _named_as(function: Any, written: Deferred, prefix: str = "") -> Deferred:
 
 @cache
 def _shared(run: Deferred) -> Any:
-    """The loop over those that are due, which threads share."""
+    """Return the loop over the sensors that are due, shared by threads."""
     part = Deferred(run.py_func, "compiled")
 
     @compiled
@@ -202,7 +204,7 @@ def _shared(run: Deferred) -> Any:
 
 @cache
 def _aiming(aim: Deferred) -> Any:
-    """A loop that aims, and says how far as a float whatever its author wrote."""
+    """Return a loop that aims, and that returns a float even if its author returns an int."""
     part = Deferred(aim.py_func, "compiled")
 
     def aim_all(
@@ -214,29 +216,29 @@ def _aiming(aim: Deferred) -> Any:
 
 
 def kernels(bank: Bank) -> tuple[Any, ...]:
-    """Its loops, as numba has made them."""
+    """Return the compiled loops of a kind: those that aim, then `run`."""
     run = bank.run.made() if bank.aims or bank.acts else _shared(bank.run)
     return (*(_aiming(aim) for aim in bank.aims), run)
 
 
 @cache
 def load(bank: Bank) -> None:
-    """Have its loops ready, compiled or from the cache, so that no tick waits for them.
+    """Load the loops of a kind, from the cache or by compiling them, so that no tick waits for them.
 
     Raises:
-        RuntimeError: numba cannot compile one; the text says where it stands and why. Or there are too many.
+        RuntimeError: numba cannot compile a loop (the text says where it is and why), or there are too many loops that aim.
     """
     none, rays = np.zeros(0, np.int64), np.empty((0, 3))
     given = np.zeros(0, HEAD), np.zeros(0, bank.record), np.empty(0), none, np.zeros((0, 2), np.int64), 0.0
     hit = (rays, none, no_hits(0))
     if len(bank.aims) > _MOST_AIMS:
         where = bank.run.py_func.__code__.co_filename
-        raise RuntimeError(f"{where}: {len(bank.aims)} loops that aim, {_MOST_AIMS} are possible")
+        raise RuntimeError(f"{where}: {len(bank.aims)} loops that aim, at most {_MOST_AIMS} are possible")
     rest = (*((rays, *hit) for _ in bank.aims), hit if bank.aims else ())
     for written, kernel, more in zip((*bank.aims, bank.run), kernels(bank), rest, strict=True):
         try:
             kernel.load(*given, *more)
-        except Exception as error:  # numba lets pass whatever its own code raises
+        except Exception as error:  # numba may raise anything
             code = written.py_func.__code__
             place = f"{code.co_filename}:{code.co_firstlineno}"
             raise RuntimeError(
@@ -245,7 +247,7 @@ def load(bank: Bank) -> None:
 
 
 def codes_of(bank: Bank) -> tuple[int, ...]:
-    """Where the code of its loops lies that aim, and of the last one, once they are loaded, for kernels that call it (`kernel.calling`)."""
+    """Return the addresses of the loops that aim and of `run`, for kernels that call them (`kernel.calling`). They must be loaded."""
     *aims, run = kernels(bank)
     return (*(address_of(aim, "float64") for aim in aims), address_of(run, "none"))
 
@@ -253,15 +255,15 @@ def codes_of(bank: Bank) -> tuple[int, ...]:
 def read(
     bank: Bank, heads: Array, rows: Array, numbers: FloatArray, due: IntArray, now: IntArray, t: float, solids: Geometry
 ) -> None:
-    """Let sensors of a kind read at a time, outside a world; in one `step.readings` does.
+    """Let sensors of a kind read outside a world. In a world `step.readings` does this.
 
     Args:
-        bank: of the kind.
-        heads, rows, numbers: arrays in which the sensors lie.
+        bank: the kind.
+        heads, rows, numbers: the arrays of the sensors.
         due: (m) numbers of heads.
-        now: what they see (`surroundings.FORMS`).
-        t: s.
-        solids: what rays can hit.
+        now: the table of what they see (`surroundings.FORMS`).
+        t: simulation time, s.
+        solids: the things that rays can hit.
     """
     *aims, run = kernels(bank)
     if not aims:
@@ -276,17 +278,17 @@ def read(
 
 
 class BankSensor(Sensor):
-    """A sensor whose readings compiled code makes. It lies in arrays: its own, or those of a world that it has entered.
+    """A sensor whose readings compiled code makes. Its data are rows of arrays: arrays of its own, or those of a world that it has entered.
 
     Attributes:
-        bank: of its kind.
+        bank: record type and kernels of its kind.
         exact: it has no errors of its own.
-        rays: how many it casts at most at a time.
-        sees_own: whether these meet what carries it, too.
-        random: numbers of its record that grow with its random errors, as ``m.error``; not those of what it draws once and keeps.
-        heads, head: rows of HEAD, and its number there.
-        rows, row: rows of the bank's records, and its number there.
-        key: of its random numbers; None until it is switched on.
+        rays: most rays that it casts in a reading.
+        sees_own: its rays also meet the body that carries it.
+        random: names of numbers of its record that scale with its random errors, such as ``m.error``; not of errors that are drawn once and kept.
+        heads, head: the array of HEAD, and its number there.
+        rows, row: the array of records of its kind, and its number there.
+        key: key of its random numbers; None until it is switched on.
     """
 
     bank: ClassVar[Bank]
@@ -307,7 +309,7 @@ class BankSensor(Sensor):
             self.settings = settings
 
     def start(self, key: int) -> None:
-        """Switch it on, with the random numbers of this key."""
+        """Switch it on with the random numbers of this key."""
         self.key = key
         head, row = self.heads.rows[self.head], self.rows.rows[self.row]
         head["key"], head["number"] = key, 0
@@ -316,11 +318,11 @@ class BankSensor(Sensor):
         self.turn_on_row(row["m"])
 
     def begin(self, number: int) -> None:
-        """As `Sensor.begin`."""
+        """Give the next reading this number, and so its random numbers."""
         self.heads.rows["number"][self.head] = number
 
     def enter(self, heads: Pool, rows: Pool) -> None:
-        """Move into these arrays, which take it as it is."""
+        """Move into these arrays, with its present state."""
         head, row = heads.take(1), rows.take(1)
         heads.rows[head], rows.rows[row] = self.heads.rows[self.head], self.rows.rows[self.row]
         heads.rows["row"][head] = row
@@ -337,15 +339,15 @@ class BankSensor(Sensor):
         """Write parameters and settings into the record."""
 
     def turn_on_row(self, memory: Any) -> None:
-        """Write into the record what is remembered at the start of a run."""
+        """Write the memory at the start of a run into the record."""
 
     def drawn(self, count: int) -> FloatArray:
-        """(count) normal numbers for the start of a run."""
+        """Return (count) normal numbers for the start of a run."""
         return draw_normals(self.key or 0, count)
 
     @property
     def memory(self) -> Memory:
-        """What it remembers."""
+        """The memory of its record."""
         return self.memory_of(self.rows.rows[self.row]["m"])
 
     @memory.setter
@@ -353,28 +355,28 @@ class BankSensor(Sensor):
         write_record(self.rows.rows[self.row]["m"], memory)
 
     def memory_of(self, row: Any) -> Memory:
-        """What a record remembers.
+        """Return the memory that a record holds.
 
         Raises:
-            ValueError: outside the limits of its type.
+            ValueError: a value is outside the limits of its type.
         """
         return convert(plain_of(row, self.memory_type), self.memory_type)
 
     def change(self, args: Mapping[str, Json]) -> None:
-        """As `Sensor.change`."""
+        """Change settings: all of them, or none. See `Sensor.change`."""
         super().change(args)
         self.fill(self.rows.rows[self.row])
 
     def loose(self, *, exactly: bool) -> tuple[Value, ...]:
-        """The values of its last reading that are no numbers (`Columns.loose`); `exactly`: of what it would have read without errors."""
+        """Return the values of its last reading that are no numbers (`Columns.loose`); with `exactly`, those of the reading without errors."""
         return ()
 
     def voices(self) -> Records:
-        """(n) of VOICE: of one that sends sound, its own and those that it may hear."""
+        """Return (n) VOICE: its own voice and those that it may hear, if it sends sound."""
         return NO_VOICES
 
     def sense(self, scope: Scope) -> Measurement | None:
-        """A reading alone, outside a world."""
+        """Return a reading outside a world."""
         from uwserver.sensors.alone import Alone
 
         if self.key is None:

@@ -1,5 +1,8 @@
-"""What a sensor is: it reads the world at one instant. Ideal ones are pure functions, whose errors come from modifiers; others have errors,
-settings and timing of their own, as the physics of their errors needs what no value still shows."""
+"""The contract of a sensor: it reads the world at one instant.
+
+An ideal sensor is a pure function of the world, and its errors come from modifiers. Other sensors have errors, settings and timing of their own,
+because the physics of these errors needs quantities that the reading no longer contains.
+"""
 
 from __future__ import annotations
 
@@ -23,23 +26,20 @@ from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports import Argument, Field, Json, Refused, Value
 from uwserver.sensors.job import finished
-from uwserver.sensors.latest import Latest
-from uwserver.sensors.place import Joint, Outline, Place, Standing
-from uwserver.sensors.sight import Sight
+from uwserver.sensors.others import Joint, Latest, Outline, Place, Sight, Standing, Writing
 from uwserver.sensors.traits import Named as Named
 from uwserver.sensors.traits import Traits as Traits
 from uwserver.sensors.wiring import Wiring
-from uwserver.sensors.writing import Writing
 from uwserver.table import Name, NonNegative, Positive, Table
 from uwserver.units import NANOSECONDS, rad
 
 
 class StreamTable(Table, kw_only=True, frozen=True):
-    """One more stream of a sensor, at ``<vehicle>/<sensor>/<stream>``: the same measurements, with their numbers and times, and errors of its own.
+    """A further stream of a sensor, at ``<vehicle>/<sensor>/<stream>``: the same measurements, numbers and times, with errors of its own.
 
     Attributes:
-        ideal: what the device would have read without errors of its own, at the same instants and settings.
-        modifiers: errors of this stream alone; those of the sensor's table are not in it.
+        ideal: the stream has what the device would read without errors of its own, at the same instants and with the same settings.
+        modifiers: errors of this stream only. The modifiers of the sensor's table do not apply to it.
     """
 
     ideal: bool = False
@@ -47,20 +47,20 @@ class StreamTable(Table, kw_only=True, frozen=True):
 
 
 class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
-    """What the table of any sensor may hold; each has ``build(mount) -> Sensor``.
+    """The keys that the table of every sensor has. Each kind also has ``build(mount) -> Sensor``.
 
     Attributes:
-        rate_hz: samples a second; divides the physics rate.
-        profile: a shipped device file (``a50``) or the path of one; its values stand where this table gives none.
-        mount: a mount of the vehicle file; or `position_frd_m` and `rpy_deg` of the sensor on the vehicle.
-        latency_s: from the measurement to its delivery; 0 where neither the table nor its device says anything.
-        enabled: False takes the sensor out.
-        modifiers: errors, applied in the order of the file; each name is part of its random stream.
-        streams: the same measurements once more, with other errors or none.
+        rate_hz: samples a second. The physics rate must be a multiple of it.
+        profile: name of a shipped device file (``a50``), or the path of a device file. Its values are the defaults of this table.
+        mount: name of a mount of the vehicle file. Without it, `position_frd_m` and `rpy_deg` give the pose of the sensor on the vehicle.
+        latency_s: time from the measurement to its delivery; 0 if neither the table nor its device file gives it.
+        enabled: False removes the sensor.
+        modifiers: errors, applied in the order of the file. The name of each is part of the path of its random stream.
+        streams: further streams of the same measurements, with other errors or without errors.
 
     A kind may also set:
-        message: plain name of the standard message that its fields fit ("Imu", "Range"), which belongs to no middleware; "" for none.
-        example: values of the keys that it needs and no device file has, to try a device file with.
+        message: plain name of the standard message that its fields fit ("Imu", "Range"). It belongs to no middleware. "" means none.
+        example: values of required keys that no device file gives. They are used to try out a device file.
     """
 
     message: ClassVar[str] = ""
@@ -76,28 +76,28 @@ class SensorTable(Table, tag_field="kind", kw_only=True, frozen=True):
     streams: dict[str, StreamTable] = msgspec.field(default_factory=dict)
 
     def port_of(self, vehicle: str, name: str) -> str:
-        """Path of the port of a sensor that has this table under a name, on a vehicle."""
+        """Return the path of the port of this sensor, which has the name `name` on a vehicle."""
         return f"{vehicle}/{name}"
 
     def traits(self) -> Traits:
-        """What others need to know of a sensor with this table."""
+        """Return what other rooms need to know of a sensor with this table."""
         return Traits()
 
     def companions(self, mount: Pose) -> Mapping[str, tuple[SensorTable, Pose]]:
-        """Further sensors that come with one on this mount: table and mount of each, by the name below its own."""
+        """Return further sensors that this one brings along: table and mount of each, by its name below the name of this sensor."""
         return {}
 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """A place and an attitude; X_BS: where a sensor sits on its vehicle, p_BS (m, B) and q_BS."""
+    """A position and an attitude. As X_BS, the pose of a sensor on its vehicle: p_BS (m, B) and q_BS."""
 
     p: Vec3 = (0.0, 0.0, 0.0)
     q: Quat = IDENTITY
 
     @classmethod
     def from_degrees(cls, rpy_deg: Vec3, p: Vec3 = (0.0, 0.0, 0.0)) -> Pose:
-        """Of roll, pitch and yaw (deg), as tables have them."""
+        """Return the pose with this roll, pitch and yaw (deg), as tables give them."""
         roll, pitch, yaw = (rad(angle) for angle in rpy_deg)
         return cls(p, quat_from_rpy(roll, pitch, yaw))
 
@@ -105,30 +105,30 @@ class Pose:
 _OPEN_WATER = OpenWater()
 _EARTH = Earth()
 SEDIMENT = lambert(["sediment"])
-"""Backscatter where nobody names materials."""
+"""Backscatter of a world whose materials are not given."""
 BOTTOM = sediments(["sediment"])
-"""What reflects sound there."""
+"""Sediments of such a world, which reflect sound."""
 
 
 @dataclass(slots=True)
 class Scope:
-    """Read-only view of one body at the instant of a tick. SI; frames N and B as named.
+    """A read-only view of the world from one body, at the instant of a tick. SI units; the frames are N and B, as named.
 
     Attributes:
         t_ns: simulation time.
         p_NB, q_NB: pose.
         v_NB_B, w_NB_B: velocity.
-        nu_dot: derivative of (v, w) in B; zeros unless a due sensor `needs_rates`.
-        tau: applied force and moment about the origin in B; likewise.
+        nu_dot: derivative of (v, w) in B; zeros unless a sensor that is due has `needs_rates`.
+        tau: applied force and moment about the origin in B; likewise zeros.
         water: the environment.
-        geometry: solid things, for rays.
-        vehicles: all of the world, by name.
-        earth: where N lies.
-        wiring: thrusters and hull of this vehicle; None where a sensor stands alone.
-        lambert: (n) backscatter of the solids' materials by their number, Lambert's parameter, linear.
-        sediments: the same materials as a bottom that reflects sound.
-        sight: what cameras may see; None where nobody says.
-        row: of this body in the state of all; -1 for none.
+        geometry: the solid things, for casting rays.
+        vehicles: all vehicles of the world, by name.
+        earth: where on the Earth N lies.
+        wiring: thrusters and hull contacts of this vehicle; None if the sensor is used alone.
+        lambert: (n) backscatter of the materials of solids, by number: Lambert's parameter, linear.
+        sediments: the same materials, as a bottom that reflects sound.
+        sight: what cameras may see; None if that is not known.
+        row: row of this body in the state of all bodies; -1 for none.
     """
 
     t_ns: int
@@ -154,9 +154,11 @@ class Scope:
         return self.t_ns / NANOSECONDS
 
     def still(self, *, with_vehicles: bool = True) -> Scope:
-        """This instant for a job: solids and vehicles stay where they are, though the world goes on. Without wiring, and with the same water: a job
-        may ask it for what time does not change, as sound speed and waves (whose time is given), not for the current. `vehicles` by name cost some
-        microseconds each; solids are there anyway."""
+        """Return a copy of this instant for a job: solids and vehicles stay where they are while the world goes on.
+
+        The copy has no wiring. It shares the water: a job may ask the water for what does not change with time, such as the sound speed, and for
+        waves, whose time is given. It must not ask for the current. Copying `vehicles` costs some microseconds each; solids cost nothing.
+        """
         still = getattr(self.geometry, "still", None)
         geometry = self.geometry if still is None else still()
         places = self.vehicles.items() if with_vehicles else ()
@@ -164,38 +166,38 @@ class Scope:
         return replace(self, geometry=geometry, vehicles=vehicles, wiring=None)
 
     def without_own_body(self) -> Scope:
-        """The same without the solids of this body, as who looks out of it sees it."""
+        """Return the view without the solids of this body, which a sensor inside the body does not see."""
         without = getattr(self.geometry, "without", None)
         return self if without is None or self.row < 0 else replace(self, geometry=without(self.row))
 
     def position(self, p_BS: Vec3) -> Vec3:
-        """p_NS (m) of a point fixed to the body at p_BS."""
+        """Return p_NS (m) of a point fixed to the body at p_BS."""
         dx, dy, dz = rotate(self.q_NB, p_BS)
         x, y, z = self.p_NB
         return (x + dx, y + dy, z + dz)
 
     def submergence(self, p: Vec3) -> float:
-        """How far a point of N is below the sea surface above it, m; negative in the air."""
+        """Return how far a point of N is below the sea surface, m; negative in air."""
         return p[2] + self.water.elevation(p[0], p[1], self.t)
 
     def attitude(self, q_BS: Quat) -> Quat:
-        """q_NS of a frame fixed to the body."""
+        """Return q_NS of a frame fixed to the body."""
         return multiply(self.q_NB, q_BS)
 
     def velocity_of(self, p_BS: Vec3) -> Vec3:
-        """Velocity of a point fixed to the body at p_BS, m/s in B."""
+        """Return the velocity of a point fixed to the body at p_BS, m/s in B."""
         (vx, vy, vz), (wx, wy, wz), (rx, ry, rz) = self.v_NB_B, self.w_NB_B, p_BS
         return (vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx)
 
     def level_turns(self) -> tuple[Vec3, Vec3]:
-        """omega_ie and omega_el: how the level axes at the body turn as the Earth turns, and as it moves over the Earth; rad/s in B."""
+        """Return omega_ie and omega_el (rad/s in B): the rate of the Earth, and the rate at which the level axes turn as the body moves over it."""
         v = rotate(self.q_NB, self.v_NB_B)
         with_earth, transport = turns_of_level(self.earth.rate, self.earth.curvature, self.p_NB, v)
         to_B = conjugate(self.q_NB)
         return rotate(to_B, with_earth), rotate(to_B, transport)
 
     def specific_force(self, mount: Pose) -> Vec3:
-        """What an ideal accelerometer at the mount feels, f_S (m/s2): acceleration of the mount minus gravity, in S.
+        """Return what an ideal accelerometer at the mount measures, f_S (m/s2): acceleration of the mount minus gravity, in S.
 
         a = v_dot + w x v + w_dot x r + w x (w x r), all in B, from the equations of motion (not from differenced velocity); on a rotating
         Earth also (2 omega_ie + omega_el) x v.
@@ -218,15 +220,15 @@ class Scope:
 
 
 def earlier(p: Vec3, q: Quat, nu: Sequence[float], ago: float) -> tuple[Vec3, Quat]:
-    """Where something was a little while ago (s, about a tick): p (m, N), attitude q and velocity nu in B, taken as constant in N and B."""
+    """Return the pose of something `ago` s earlier (about a tick) from p (m, N), q, and nu in B. Its v is constant in N, and w in B."""
     vx, vy, vz = rotate(q, (nu[0], nu[1], nu[2]))
     return (p[0] - vx * ago, p[1] - vy * ago, p[2] - vz * ago), multiply(q, spin(nu[3:6], -ago))
 
 
 class Settings(Struct, frozen=True):
-    """What can be changed of a sensor while it runs. SI; the names of its fields are the service's arguments.
+    """The settings of a sensor that can change while it runs. SI units; the names of the fields are the arguments of the service.
 
-    The limits of the types are those within which any value is harmless; the arguments' may be narrower.
+    Any value within the limits of the types does no harm. The limits of the arguments may be narrower.
     """
 
 
@@ -235,34 +237,34 @@ Gain = Annotated[float, Meta(ge=-1000, le=1000)]
 Distance = Annotated[float, Meta(ge=1e-3, le=1e7)]
 """m, as a setting."""
 SoundSpeed = Annotated[float, Meta(ge=0, le=1e5)]
-"""m/s, as a setting: what the device believes; 0 stands for the truth."""
+"""m/s, as a setting: the sound speed that the device assumes. 0 means the true one."""
 
 
 class Sensor(ABC):
-    """What lives in a vehicle and reads. The next reading depends on the world, `settings`, `memory` and random stream, and on nothing else.
+    """A sensor of a vehicle. Its next reading depends on the world, `settings`, `memory` and its random stream, and on nothing else.
 
-    These three are saved with the world. Subclasses set `fields`, `doc` and, where there are settings, `arguments`.
+    These three are saved with the world. Subclasses set `fields`, `doc` and, if they have settings, `arguments`.
 
     Attributes:
-        fields: what a reading holds, in order.
+        fields: the values of a reading, in order.
         doc: one or two sentences for the port.
-        needs_rates: whether `Scope.nu_dot` and `Scope.tau` must be filled in.
-        settings: changed by `change` alone.
-        arguments: of the service ``set``, beside `rate_hz`: one for each setting, with its limits.
-        memory: what it keeps from reading to reading.
-        rng: random numbers of its own path, which stand at those of the present reading; from `start` on.
-        joint: what tilts its mount; None where nothing does.
-        outlines: boxes around the structures that its table names, by name.
+        needs_rates: `Scope.nu_dot` and `Scope.tau` must be filled in.
+        settings: only `change` changes them.
+        arguments: arguments of the service ``set`` besides `rate_hz`: one for each setting, with its limits.
+        memory: state that it keeps from reading to reading.
+        rng: random numbers of its own path, positioned at the present reading. It exists after `start`.
+        joint: the actuator that tilts its mount; None if the mount is fixed.
+        outlines: the boxes around the structures that its table names, by name.
         dt: time between readings, s.
-        paces: its memory holds no error, but what decides when and how it reads next; an ideal twin follows it.
-        listens: it waits for something that comes between two readings, as told by `wake`.
-        rouses: the same, but it says so by `rouse`, set where it lives, when `wake` has become a time, so that nobody asks before.
-        repeats, repeated: it reads after others, as it repeats what they have read; these, if its numbers are the age (s) of the oldest and theirs.
-        takes_time: its readings are begun and computed later (`uwserver.sensors.job`).
-        learns: `learn` hears what was computed.
-        supplies: it decides with which voltage the thrusters run.
-        writes: it has no errors, timing and memory of its own, and sees nothing of the world: `write` is its short way.
-        writing: how compiled code can write in its place, until others come or go; None where it cannot.
+        paces: its memory holds no errors, only what decides when and how it reads next. Its ideal twin takes over this memory.
+        listens: it waits for something that comes between two readings; `wake` says when.
+        rouses: likewise, but it calls `rouse`, which the world sets, when `wake` becomes a time. So the world need not ask it in every tick.
+        repeats, repeated: it repeats the readings of others, so it reads after them; the others, if its numbers are the oldest age (s) and theirs.
+        takes_time: it only begins its readings; they are computed later (`uwserver.sensors.job`).
+        learns: `learn` gets what was computed.
+        supplies: it sets the supply voltage of the thrusters.
+        writes: it has no errors, timing and memory of its own and reads nothing of the world, so `write` can replace `sense`.
+        writing: how compiled code can write in its place, until sensors are added or removed; None if it cannot.
     """
 
     fields: tuple[Field, ...]
@@ -283,71 +285,71 @@ class Sensor(ABC):
 
     @property
     def needs(self) -> Collection[str]:
-        """Names of sensors of its vehicle without which it does not measure as it should."""
+        """Names of the sensors of its vehicle that it depends on."""
         return ()
 
     def __init__(self, settings: Settings | None = None) -> None:
-        """Switched on with random numbers of no path, for one who reads it alone."""
+        """Switch it on with random numbers that belong to no path. A world calls `start` again."""
         if settings is not None:
             self.settings = settings
         self.start(0)
 
     def start(self, key: int) -> None:
-        """Switch it on: with the random numbers of this key, of which it draws what is constant in a run."""
+        """Switch it on with the random numbers of this key. What is constant during a run is drawn here."""
         self.draws = Draws(key)
         self.rng = self.draws.rng
         self.memory = self.turn_on()
 
     def turn_on(self) -> Memory:
-        """The memory at the start of a run."""
+        """Return the memory at the start of a run."""
         return NOTHING
 
     def begin(self, number: int) -> None:
-        """The next reading has this number: its random numbers follow."""
+        """Give the next reading this number, and so its random numbers."""
         self.draws.seek(number)
 
-    def join(self, others: Mapping[str, Latest]) -> None:  # noqa: B027 - only who repeats or hears others needs them
-        """Get to know the other sensors of the vehicle, by name; before anything is read."""
+    def join(self, others: Mapping[str, Latest]) -> None:  # noqa: B027 - few kinds need them
+        """Receive the other sensors of the vehicle, by name. Called before the first reading."""
 
-    def wire(self, wiring: Wiring) -> None:  # noqa: B027 - only who tells of single thrusters needs it
-        """Get to know the inside of the vehicle; before anything is read."""
+    def wire(self, wiring: Wiring) -> None:  # noqa: B027 - few kinds need it
+        """Receive the wiring of the vehicle. Called before the first reading."""
 
     def load_kernels(self) -> None:  # noqa: B027 - most have none
-        """Load what is compiled for the readings now, so that no tick waits for it."""
+        """Load the compiled code of its readings now, so that no tick waits for it."""
 
     @abstractmethod
     def sense(self, scope: Scope) -> Measurement | None:
-        """The next reading, with the delay of sound and processing; None when the sensor is not ready for one."""
+        """Return the next reading, with the delay of sound and processing; None if the sensor is not ready for one."""
 
     def write(self, row: FloatArray) -> tuple[Value, ...]:
-        """Of one that writes: the numbers of a valid reading of this instant into a row (`modifiers.columns`); returns the values that are none."""
+        """Write the numbers of a valid reading into a row (`modifiers.columns`), and return the other values. Only if `writes` is set."""
         raise NotImplementedError
 
     @property
     def wake(self) -> float | None:
-        """When (s) it has to be asked, whatever its rate: at the first tick that is not earlier; None while it waits for nothing."""
+        """Time (s) from which on it has to read at the next tick, whatever its rate; None while it waits for nothing."""
         return None
 
     def begins(self, t: float) -> bool:
-        """Of one that takes time: whether a reading would begin, were it asked at this time (s)."""
+        """Return whether a reading would begin at this time (s). Only for a sensor that `takes_time`."""
         return True
 
     def learn(self, values: tuple[Value, ...]) -> None:  # noqa: B027 - few do
-        """Of one that takes time and learns: a job's values are delivered in this tick. They may change the memory; must be quick."""
+        """Take in the values of a job, which are delivered in this tick. They may change the memory. The call must be quick."""
 
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
-        """Whether it could measure, and one value per field, without timing; missing values while it is not ready."""
+        """Return whether it could measure, and one value per field, without timing. Values are missing while it is not ready."""
         reading = self.sense(scope)
         if reading is None:
             return False, blank(self.fields)
         return reading.valid, finished(reading, self.fields).values
 
     def properties(self) -> dict[str, Json]:
-        """The settings, by name."""
+        """Return the settings, by name."""
         return structs.asdict(self.settings)
 
     def change(self, args: Mapping[str, Json]) -> None:
-        """Change settings; all or none.
+        """Change settings: all of them, or none.
 
         Raises:
             Refused: the settings do not go together.
@@ -357,10 +359,10 @@ class Sensor(ABC):
         self.settings = settings
 
     def check(self, settings: Settings) -> None:  # noqa: B027 - most have nothing to check
-        """Raise Refused where single limits do not say it all."""
+        """Raise Refused if settings do not go together, though each is within its limits."""
 
     def valid(self, record: Memory | Settings) -> None:
-        """Raise ValueError where a record of another run, though of the right types, cannot be the memory or the settings of this sensor."""
+        """Raise ValueError if a record of the right type cannot be the memory or the settings of this sensor. It comes from another run."""
         if isinstance(record, Memory):
             check_lengths(record, self.memory)
             return
@@ -371,23 +373,23 @@ class Sensor(ABC):
 
 
 class IdealSensor(Sensor):
-    """A sensor without errors, timing and memory of its own, a pure function of the world at one instant: subclasses write `measure` alone."""
+    """A sensor without errors, timing and memory of its own: a pure function of the world. Subclasses write only `measure`."""
 
     @abstractmethod
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
-        """Whether it could measure, and one value per field."""
+        """Return whether it could measure, and one value per field."""
 
     def sense(self, scope: Scope) -> Measurement:
-        """What it measures, at once."""
+        """Return what it measures, without delay."""
         valid, values = self.measure(scope)
         return Measurement(values, valid)
 
 
 def blank(fields: tuple[Field, ...]) -> list[Value]:
-    """Values of a reading that found nothing."""
+    """Return the values of a reading that found nothing."""
     return [(None,) * field.size if field.shape else None for field in fields]
 
 
 def out_of_range(name: str, text: str) -> Refused:
-    """The refusal of a setting."""
+    """Return the error that refuses a setting."""
     return Refused("out_of_range", text, name)

@@ -1,4 +1,4 @@
-"""Compound sensor: what several sensors of a vehicle read last, in one message, as an autopilot wants it."""
+"""Compound sensor: the last readings of several sensors of a vehicle in one message, as an autopilot wants them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from msgspec import Meta, structs
 from uwserver.modifiers.base import Measurement
 from uwserver.ports import Field, Value
 from uwserver.sensors.base import Named, Pose, Scope, Sensor, SensorTable, Traits
-from uwserver.sensors.latest import Latest
+from uwserver.sensors.others import Latest
 from uwserver.table import Name
 from uwserver.units import NANOSECONDS
 
@@ -18,7 +18,7 @@ _AGE = Field("age", "s", "age of the oldest reading in the message")
 
 
 class CompoundConfig(SensorTable, tag="compound", kw_only=True, frozen=True):
-    """Several sensors in one message. It takes their readings as measured: its own `latency_s` counts, not theirs.
+    """Several sensors in one message. It takes their readings when they are measured, so its own `latency_s` counts and theirs do not.
 
     Attributes:
         members: names of sensors of the vehicle, in the order of the message.
@@ -27,16 +27,16 @@ class CompoundConfig(SensorTable, tag="compound", kw_only=True, frozen=True):
     members: Annotated[tuple[Name, ...], Meta(min_length=1)]
 
     def traits(self) -> Traits:
-        """The sensors whose readings it repeats."""
+        """Declare the sensors whose readings it repeats."""
         return Traits(names=tuple(Named(("members", k), "sensors", name) for k, name in enumerate(self.members)))
 
     def build(self, mount: Pose) -> Compound:
-        """The instrument, without its members: `join` adds them."""
+        """Return the sensor, without its members: `join` adds them."""
         return Compound(self)
 
 
 class Compound(Sensor):
-    """Measured after all other sensors of a tick, so that the message holds what is newest."""
+    """It reads after all other sensors of a tick, so that the message holds their newest readings."""
 
     fields: tuple[Field, ...] = (_AGE,)
     repeats = True
@@ -48,11 +48,11 @@ class Compound(Sensor):
 
     @property
     def needs(self) -> Collection[str]:
-        """Its members."""
+        """The names of its members."""
         return self.members
 
     def join(self, others: Mapping[str, Latest]) -> None:
-        """Find the members; the fields are theirs, each with the member's name in front."""
+        """Find the members. The fields are theirs, each with the name of the member in front."""
         self.repeated = tuple(others[name] for name in self.members)
         fields = [_AGE]
         for name, part in zip(self.members, self.repeated, strict=True):
@@ -61,7 +61,7 @@ class Compound(Sensor):
         self.fields = tuple(fields)
 
     def sense(self, scope: Scope) -> Measurement | None:
-        """None until each member has measured once. Where all values are numbers the step does this (`step.readings`)."""
+        """Return None until each member has measured once. If all values are numbers, the step does this (`step.readings`)."""
         values: list[Value] = []
         oldest, valid = scope.t_ns, True
         for part in self.repeated:

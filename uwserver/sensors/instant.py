@@ -1,7 +1,7 @@
-"""What sensors in compiled code see of the world at one instant: the arrays of bodies and water, and questions to them.
+"""What sensors in compiled code can ask about the world at one instant: the bodies, the water, the Earth, thrusters, and sound.
 
-A kernel of a sensor gets `now`, a table of addresses of all arrays (`surroundings.FORMS`), and its own `head`, which says on which body it sits
-and where. Imports numba.
+A kernel of a sensor gets `now`, a table of addresses of all arrays (`surroundings.FORMS`), and its own `head`, which says on which body the sensor
+sits and where. Imports numba.
 """
 
 from __future__ import annotations
@@ -51,59 +51,59 @@ conjugate, quat_from_rpy, rpy_from_quat, spin = (
 
 @inlined
 def place_of(now: Array) -> Any:
-    """The PLACE of the world."""
+    """Return the PLACE of the world."""
     return _places_at(now)[0]
 
 
 @compiled
 def p_NB(head: Any, now: Array) -> Vec3:
-    """Position of the body origin, m."""
+    """Return the position of the body origin, m in N."""
     x = state_at(now)[head.body]
     return x[0], x[1], x[2]
 
 
 @compiled
 def q_NB(head: Any, now: Array) -> Quat:
-    """Attitude of the body."""
+    """Return the attitude of the body."""
     x = state_at(now)[head.body]
     return x[3], x[4], x[5], x[6]
 
 
 @compiled
 def v_NB_B(head: Any, now: Array) -> Vec3:
-    """Velocity of the body origin, m/s."""
+    """Return the velocity of the body origin, m/s in B."""
     x = state_at(now)[head.body]
     return x[7], x[8], x[9]
 
 
 @compiled
 def w_NB_B(head: Any, now: Array) -> Vec3:
-    """Angular rate of the body, rad/s."""
+    """Return the angular rate of the body, rad/s in B."""
     x = state_at(now)[head.body]
     return x[10], x[11], x[12]
 
 
 @compiled
 def p_BS(head: Any) -> Vec3:
-    """Where the sensor sits on its body, m."""
+    """Return the position of the sensor on its body, m in B."""
     return head.p[0], head.p[1], head.p[2]
 
 
 @compiled
 def q_BS(head: Any) -> Quat:
-    """How it is turned."""
+    """Return the attitude of the sensor on its body."""
     return head.q[0], head.q[1], head.q[2], head.q[3]
 
 
 @compiled
 def q_SB(head: Any) -> Quat:
-    """The inverse of that."""
+    """Return the inverse of q_BS."""
     return head.to_S[0], head.to_S[1], head.to_S[2], head.to_S[3]
 
 
 @compiled
 def p_NS(head: Any, now: Array) -> Vec3:
-    """Where it is, m."""
+    """Return the position of the sensor, m in N."""
     x, y, z = p_NB(head, now)
     a, b, c = rotate(q_NB(head, now), p_BS(head))
     return x + a, y + b, z + c
@@ -111,20 +111,20 @@ def p_NS(head: Any, now: Array) -> Vec3:
 
 @compiled
 def q_NS(head: Any, now: Array) -> Quat:
-    """Its attitude."""
+    """Return the attitude of the sensor in N."""
     return multiply(q_NB(head, now), q_BS(head))
 
 
 @compiled
 def velocity_of(head: Any, now: Array) -> Vec3:
-    """Velocity of the sensor's place over ground, m/s in B."""
+    """Return the velocity of the sensor's position over ground, m/s in B."""
     (vx, vy, vz), (wx, wy, wz), (rx, ry, rz) = v_NB_B(head, now), w_NB_B(head, now), p_BS(head)
     return vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx
 
 
 @compiled
 def level_turns(head: Any, now: Array) -> tuple[Vec3, Vec3]:
-    """omega_ie and omega_el at the body: how the level axes under it turn as the Earth turns, and as it moves over the Earth; rad/s in B."""
+    """Return omega_ie and omega_el (rad/s in B): the rate of the Earth, and the rate at which the level axes turn as the body moves over it."""
     place, q = place_of(now), q_NB(head, now)
     rate, curvature = place.rate, place.curvature
     v = rotate(q, v_NB_B(head, now))
@@ -137,7 +137,7 @@ def level_turns(head: Any, now: Array) -> tuple[Vec3, Vec3]:
 
 @compiled
 def inertial_rate(head: Any, now: Array) -> Vec3:
-    """Angular rate of the body against the stars, w_IB (rad/s, in B); where the Earth does not turn, against N."""
+    """Return the angular rate of the body against the stars, w_IB (rad/s in B). If the Earth does not turn, it is the rate against N."""
     wx, wy, wz = w_NB_B(head, now)
     if place_of(now).rotating == 0:
         return wx, wy, wz
@@ -147,7 +147,7 @@ def inertial_rate(head: Any, now: Array) -> Vec3:
 
 @compiled
 def specific_force(head: Any, now: Array) -> Vec3:
-    """What an ideal accelerometer feels, f_S (m/s2): acceleration of its place minus gravity, in S.
+    """Return what an ideal accelerometer measures, f_S (m/s2): acceleration of its position minus gravity, in S.
 
     a = v_dot + w x v + w_dot x r + w x (w x r), all in B, from the equations of motion (not from differenced velocity); on a rotating Earth
     also (2 omega_ie + omega_el) x v (Groves 2013, eq. 5.53).
@@ -168,7 +168,7 @@ def specific_force(head: Any, now: Array) -> Vec3:
 
 @compiled
 def _interpolated(column: Array, key: int, k: int, x: float) -> float:
-    """Linear between the rows of a table whose column `key` ascends, and beyond its ends as in the last interval."""
+    """Interpolate column k of a table whose column `key` ascends, linearly. Beyond the ends the first or last interval is extended."""
     low, high = 0, len(column)
     while low < high:
         middle = (low + high) // 2
@@ -183,13 +183,13 @@ def _interpolated(column: Array, key: int, k: int, x: float) -> float:
 
 @compiled
 def water_property(now: Array, k: int, depth: float) -> float:
-    """Column k (`TEMPERATURE` to `SOUND_SPEED`) of the water column at a depth below z = 0, m."""
+    """Return column k (`TEMPERATURE` to `SOUND_SPEED`) of the water column at a depth below z = 0, m."""
     return _interpolated(_column_at(now), DEPTH, k, max(0.0, depth))
 
 
 @compiled
 def depth_of(now: Array, gauge: float) -> float:
-    """Depth (m) at which the water above has this pressure, Pa."""
+    """Return the depth (m) at which the water above has this pressure, Pa."""
     return _interpolated(_column_at(now), PRESSURE, DEPTH, gauge)
 
 
@@ -200,7 +200,7 @@ def _point(now: Array, p: Vec3, t: float, point: Array) -> None:
 
 @compiled
 def water_velocity(now: Array, p: Vec3, t: float) -> Vec3:
-    """Of the water at a point of N (m) and time t (s) in the present tick, m/s in N."""
+    """Return the velocity of the water at a point of N (m) and time t (s) in the present tick, m/s in N."""
     place = place_of(now)
     if place.moves == 0:
         return place.current[0], place.current[1], place.current[2]
@@ -211,7 +211,7 @@ def water_velocity(now: Array, p: Vec3, t: float) -> Vec3:
 
 @compiled
 def submergence(now: Array, p: Vec3, t: float) -> float:
-    """How far a point of N is below the sea surface above it, m; negative in the air."""
+    """Return how far a point of N is below the sea surface, m; negative in air."""
     if place_of(now).moves == 0:
         return p[2]
     point = np.empty(POINT_SIZE)
@@ -221,7 +221,7 @@ def submergence(now: Array, p: Vec3, t: float) -> float:
 
 @compiled
 def gauge_pressure(now: Array, p: Vec3, t: float) -> float:
-    """Pressure of the water (Pa, above that of the atmosphere) at a point of N (m) and time t (s): as `Water.pressure`."""
+    """Return the pressure of the water (Pa, above the atmospheric one) at a point of N (m) and time t (s), as `Water.pressure` does."""
     head = p[2]
     if place_of(now).moves != 0:
         point = np.empty(POINT_SIZE)
@@ -232,7 +232,7 @@ def gauge_pressure(now: Array, p: Vec3, t: float) -> float:
 
 @compiled
 def magnetic_field(now: Array, p: Vec3) -> Vec3:
-    """Of the Earth, in N (T), at a point of N (m): as `Earth.magnetic_field`."""
+    """Return the magnetic field of the Earth (T, in N) at a point of N (m), as `Earth.magnetic_field` does."""
     m, (x, y, z) = place_of(now).magnetic, p
     return (
         m[0, 0] + m[1, 0] * x + m[2, 0] * y + m[3, 0] * z,
@@ -243,7 +243,7 @@ def magnetic_field(now: Array, p: Vec3) -> Vec3:
 
 @compiled
 def thrust(now: Array, k: int) -> float:
-    """Open-water thrust of a row of the thrusters at rest, N: after the lag, before inflow and installation."""
+    """Return the open-water thrust of a row of thrusters at rest, N: after the lag, before inflow and installation."""
     thruster = _thrusters_at(now)[k]
     lag = _lags_at(now)[thruster.lag]
     force = lag.D * thruster.demand
@@ -254,7 +254,7 @@ def thrust(now: Array, k: int) -> float:
 
 @compiled
 def shaft_speed(head: Any, now: Array, number: int) -> float:
-    """Of one of the vehicle's thrusters, by its number among them; rad/s, signed as its thrust, NaN where that is not known."""
+    """Return the shaft speed of a thruster of the vehicle, by its number there: rad/s, with the sign of the thrust; NaN if it is not known."""
     body = _bodies_at(now)[head.body]
     if not 0 <= number < body.thruster_count:
         return math.nan
@@ -267,7 +267,7 @@ def shaft_speed(head: Any, now: Array, number: int) -> float:
 
 @compiled
 def power(head: Any, now: Array) -> float:
-    """Electric power that all thrusters of the vehicle draw, W."""
+    """Return the electric power that all thrusters of the vehicle draw, W."""
     body, electrics = _bodies_at(now)[head.body], _electrics_at(now)
     total = 0.0
     for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
@@ -279,7 +279,7 @@ def power(head: Any, now: Array) -> float:
 
 @compiled
 def supply_voltage(head: Any, now: Array) -> float:
-    """Supply of the vehicle's first wired thruster, V; 0 without any."""
+    """Return the supply voltage of the vehicle's first wired thruster, V; 0 without any."""
     body, electrics = _bodies_at(now)[head.body], _electrics_at(now)
     for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
         if electrics[k].wired != 0:
@@ -289,7 +289,7 @@ def supply_voltage(head: Any, now: Array) -> float:
 
 @compiled
 def supply(head: Any, now: Array, voltage: float) -> None:
-    """Set the supply of the vehicle's wired thrusters, V; 0 stops them."""
+    """Set the supply voltage of the vehicle's wired thrusters, V. 0 stops them."""
     body, electrics, thrusters = _bodies_at(now)[head.body], _electrics_at(now), _thrusters_at(now)
     for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
         if electrics[k].wired != 0:
@@ -300,8 +300,8 @@ def supply(head: Any, now: Array, voltage: float) -> None:
 
 @inlined
 def touched(now: Array) -> tuple[Array, Array, Array, Array, int]:
-    """Contacts of the last tick: rows of the bodies a and b, -1 for what does not move; points (m) and impulses on a (N s), both in N. And how many
-    they are: there is room for more."""
+    """Return the contacts of the last tick: rows of the bodies a and b (-1 for something that does not move), points (m) and impulses on a (N s),
+    both in N; and how many there are, as the arrays are longer."""
     table = _touching_at(now)
     count = _counts_at(table)[touching.KEPT]
     return _body_a_at(table), _body_b_at(table), _point_at(table), _impulse_at(table), count
@@ -312,27 +312,27 @@ MU_SURFACE = 10.0 ** (0.1 * SURFACE_DB)
 
 @compiled
 def absorption(now: Array, frequency: float, depth: float) -> float:
-    """Absorption of sound of a frequency (Hz), dB/m, at a depth (m)."""
+    """Return the absorption of sound of a frequency (Hz), dB/m, at a depth (m)."""
     temperature, salinity = water_property(now, TEMPERATURE, depth), water_property(now, SALINITY, depth)
     return _absorption(frequency, temperature, salinity, depth, place_of(now).ph)
 
 
 @compiled
 def ground_of(now: Array) -> Ground:
-    """How strongly what rays hit scatters sound back."""
+    """Return how strongly the things that rays hit scatter sound back."""
     return Ground(_lambert_at(now), MU_SURFACE)
 
 
 @compiled
 def echo_of(now: Array, direction: Array, normal: Array, body: int, material: int) -> float:
-    """Intensity that a square metre of what a ray hits scatters back at 1 m, per unit of incident intensity."""
+    """Return the intensity that a square metre of the hit surface scatters back at 1 m, per unit of incident intensity."""
     return returned(direction, normal, body, material, ground_of(now))
 
 
 @compiled
 def meet_surface(height: float, direction: Array, limit: float, k: int, hits: Any) -> None:
-    """Let ray k meet nothing beyond a limit (m), as others may have been cast farther; and the sea surface, level and `height` (m) above its start,
-    if that is nearer than what it hits."""
+    """Correct the hit of ray k: nothing beyond a limit (m), because other rays may have been cast farther; and the sea surface, if that is nearer.
+    The surface is level, and `height` (m) above the start of the ray."""
     if hits.distance[k] > limit:
         hits.distance[k], hits.body[k] = math.inf, NOTHING
     if direction[k, 2] < 0.0:

@@ -1,17 +1,21 @@
-"""Readings that take time: begun in a tick, computed in a thread of the world, delivered when the device would have them.
+"""Readings that take time: a tick begins them, a thread of the world computes them, and they are delivered when the device would have them.
 
-A sensor of this sort sets `takes_time` and gives a `Begun` from `sense`. That costs microseconds: the numbers of the reading, known at once; the
-delay until its delivery (a delay shorter than a tick counts as one tick); and a `Job`, which knows all that it needs of that instant. What moves
-goes on moving: a job keeps `Scope.still`, a seed that was drawn of the sensor's `rng`, and the settings, and never looks at the sensor again. Its
-result are those values that are no numbers (buffers, texts: `Columns.loose`), in the order of the fields; in the `Begun` they are None.
+Such a sensor sets `takes_time`, and its `sense` returns a `Begun`. This takes microseconds. A `Begun` has the numbers of the reading, which are
+known at once; the delay until the delivery (at least one tick); and a `Job`, which has everything that it needs of that instant. Because the world
+goes on, a job keeps `Scope.still`, a seed drawn from the sensor's `rng`, and the settings, and never looks at the sensor again. Its result is the
+values that are no numbers (buffers, texts: `Columns.loose`), in the order of the fields. In the `Begun` they are None.
 
-Who waits: in free-run, lock-step and in-process the tick in which the reading is due; so the bits are the same in all modes. In real time nobody:
-a reading that is not ready when it is due, or that would begin while the one before is still computed, is dropped whole; the drop is a call of
-``world/drop_reading``, so that a recording repeats it. Jobs of a world run one at a time, first what is due first (one that is needed now before
-those that are not), and only if somebody reads the port or the sensor `learns`. A long job comes in pieces, between which others run that are due
-before it, so that no ping is lost behind a picture. A job that raises makes its reading invalid. A table
-with a property `cores` (the part of one core that its readings take in real time, about) has `uwserver check` tell it; with `computing_s` (processor
-time of a reading), `given_s` (from its begin to its delivery) and, where it has pieces, `piece_s` also whether a reading may be late.
+In free-run, in lock-step and in-process, the tick in which a reading is due waits for it, so the bits are the same in all these modes. In real
+time no tick waits: a reading is dropped if it is not ready when it is due, or if the reading before it is still being computed when it begins. The
+drop is a call of ``world/drop_reading``, so that a recording repeats it.
+
+The jobs of a world run one at a time. The one that is due first runs first, and a job that a tick waits for goes before all others. A job runs only
+if somebody reads the port or the sensor `learns`. A long job is cut into pieces; between two pieces other jobs run that are due earlier, so that no
+ping is lost behind a picture. If a job raises, its reading is invalid.
+
+A table may have the property `cores`, the part of a core that its readings take in real time, about; `uwserver check` reports it. With
+`computing_s` (processor time of a reading), `given_s` (time from its begin to its delivery) and, if there are pieces, `piece_s`, the command also
+reports whether a reading may be late.
 """
 
 from __future__ import annotations
@@ -27,11 +31,11 @@ from uwserver.ports import Field, Value
 
 T = TypeVar("T")
 Pieces = Generator[None, None, T]
-"""Work that can wait wherever it yields, and what it gives in the end."""
+"""Work that can be interrupted wherever it yields, and that returns a result."""
 
 
 def whole(pieces: Pieces[T], between: Callable[[], None] | None = None) -> T:
-    """Do all pieces, one after the other, and something `between` them."""
+    """Do all pieces one after the other, call `between` after each of them, and return the result."""
     while True:
         try:
             next(pieces)
@@ -42,20 +46,20 @@ def whole(pieces: Pieces[T], between: Callable[[], None] | None = None) -> T:
 
 
 class Job(ABC):
-    """What is left to do of a reading. It may use arrays that all jobs of a sensor share: no two jobs of a sensor are under way at once.
+    """The rest of the work for a reading. It may use arrays that all jobs of a sensor share, as only one of them runs at a time.
 
     Attributes:
-        shared: who has these arrays; None where no job but this one uses its own. Jobs in pieces must tell.
+        shared: the owner of these arrays; None if the job shares nothing. A job in pieces must set it.
     """
 
     shared: object = None
 
     @abstractmethod
     def run(self) -> tuple[Value, ...]:
-        """The values of those fields that are no numbers, in their order. In another thread, at most once; a pure function of the job."""
+        """Return the values of the fields that are no numbers, in order. It is a pure function of the job, called at most once, in another thread."""
 
     def pieces(self) -> Pieces[tuple[Value, ...]]:
-        """As `run`, in pieces of some milliseconds; one for a job that does not say."""
+        """Do the same as `run`, in pieces of some milliseconds. By default there is one piece."""
         yield from ()
         return self.run()
 
@@ -67,17 +71,17 @@ class _Nothing(Job):
 
 @dataclass(slots=True)
 class Begun(Measurement):
-    """A reading under computation.
+    """A reading that is being computed.
 
     Attributes:
-        job: makes the rest of its values.
+        job: computes the rest of its values.
     """
 
     job: Job = field(default_factory=_Nothing, compare=False)
 
 
 def finished(reading: Measurement, fields: tuple[Field, ...]) -> Measurement:
-    """The whole reading, computed here and now where it was only begun; for who reads a sensor alone."""
+    """Return the complete reading. If it was only begun, it is computed now; for sensors that are used outside a world."""
     if not isinstance(reading, Begun):
         return reading
     values = list(reading.values)

@@ -1,4 +1,4 @@
-"""What a modem remembers: messages that it is to send, that it waits for, and that it has to tell; and what it has counted."""
+"""The memory of a modem: messages to send, messages that wait for an answer, events to report, and counters."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from uwserver.modifiers.base import Memory, Number, Time
 MOST_BYTES = 1 << 16
 HIGHEST_ADDRESS = 65_535
 MOST_INBOX = 256
-"""Messages that wait to be told; of more the oldest is lost."""
+"""Events that wait to be reported. If there are more, the oldest is lost."""
 MOST_QUEUE = 64
 MOST_SEEN = 16
 _Address = Annotated[int, Meta(ge=0, le=HIGHEST_ADDRESS)]
@@ -24,15 +24,15 @@ class Outgoing(Struct, frozen=True):
     """A message that waits to be sent.
 
     Attributes:
-        id: of the message; an answer has that of what it answers.
-        destination: address.
+        id: id of the message; an answer has the id of the message that it answers.
+        destination: address of the receiver.
         data: payload.
-        answer: it answers a message, that `wanted` one.
+        answer: it answers a message that `wanted` an answer.
         wanted: it asks for an answer.
-        after: not before this time, s.
-        tries: that are left, of one that asks for an answer.
-        heard: of an answer: when the message it answers had been heard, s.
-        patience: how long an answer is waited for, s; 0 for as long as one can take.
+        after: earliest time of sending, s.
+        tries: how often it may still be sent, if it asks for an answer.
+        heard: for an answer, the time at which the message that it answers had arrived, s.
+        patience: how long the modem waits for an answer, s; 0 for the longest time that one can take.
         ranging: a caller waits for the range.
     """
 
@@ -49,12 +49,12 @@ class Outgoing(Struct, frozen=True):
 
 
 class Waiting(Struct, frozen=True):
-    """A message that was sent, and whose answer has not come.
+    """A message that was sent and not answered yet.
 
     Attributes:
-        message: that was sent.
-        over: when its last sound had left, s.
-        until: when nobody waits any more, s.
+        message: the message.
+        over: time at which the end of the packet was sent, s.
+        until: time until which the modem waits, s.
     """
 
     message: Outgoing
@@ -63,17 +63,17 @@ class Waiting(Struct, frozen=True):
 
 
 class Message(Struct, frozen=True):
-    """What a modem has to tell.
+    """An event that a modem reports.
 
     Attributes:
-        event: data that came, or what became of a message that asked for an answer.
+        event: data has arrived, or the outcome of a message that asked for an answer.
         source, destination: addresses.
         data: payload.
-        begin, over: when it began and ended to arrive, s.
+        begin, over: time at which its signal began to arrive, and at which it ended, s.
         level, snr: dB.
         range: m.
         bearing, elevation: rad in S.
-        speed: with which the way of the sound grows longer, m/s.
+        speed: rate at which the path of the sound grows, m/s.
     """
 
     event: Event
@@ -94,18 +94,18 @@ Count = Annotated[int, Meta(ge=0, le=2**53)]
 
 
 class Counts(Struct, frozen=True):
-    """What a modem has counted since the start of the run. Losses are of messages for it.
+    """The counters of a modem since the start of the run. Losses count messages to this modem.
 
     Attributes:
-        sent: packets, answers too.
-        heard: messages told.
-        collided: lost in the sound of other modems.
-        deaf: lost because it was sending itself.
-        smeared: lost in their own late arrivals.
-        faint: lost in noise, or not noticed.
-        doppler: lost because the modems moved too fast against each other.
-        unanswered: messages that asked for an answer in vain.
-        dropped: messages that nobody fetched in time.
+        sent: packets, answers included.
+        heard: messages reported.
+        collided: lost in the signals of other modems.
+        deaf: lost because this modem was sending.
+        smeared: lost in their own late echoes.
+        faint: lost in noise, or not detected.
+        doppler: lost because the modems moved too fast relative to each other.
+        unanswered: messages that asked for an answer and got none.
+        dropped: messages that were not reported in time.
     """
 
     sent: Count = 0
@@ -121,11 +121,11 @@ class Counts(Struct, frozen=True):
 
 class ModemMemory(Memory):
     """Attributes:
-    busy: until when it sends, s.
-    queue: what waits to be sent.
-    waiting: what was sent, and is not answered.
-    seen: messages that came last: an answer that was lost lets one come twice.
-    inbox: what is to be told.
+    busy: time until which it sends, s.
+    queue: messages that wait to be sent.
+    waiting: messages that were sent and not answered yet.
+    seen: ids of the last messages that arrived. If an answer is lost, the same message arrives twice.
+    inbox: events to report.
     counts: see `Counts`."""
 
     busy: Time = 0.0

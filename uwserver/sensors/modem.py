@@ -1,7 +1,7 @@
-"""What modems of every kind share: their table, what they remember, and the messages that they tell.
+"""What all kinds of modems share: the table, the memory, and the events that they report.
 
-Which of a packet's signals reaches whom, and when, is worked out by the medium (`uwserver.world.modems.medium`); a kind of modem says how its
-signals get across, and how well they are understood.
+The medium (`uwserver.world.modems.medium`) works out which signals of a packet reach which modem, and when. A kind of modem says how its signals
+travel, and how well they are understood.
 """
 
 from __future__ import annotations
@@ -25,30 +25,30 @@ _Address = Annotated[int, Meta(ge=0, le=HIGHEST_ADDRESS)]
 
 
 class ModemTable(SensorTable, kw_only=True, frozen=True):
-    """What every modem has. It takes messages at ``<vehicle>/<modem>/send``, and tells at ``<vehicle>/<modem>/received`` what it hears.
+    """The keys of every modem. It takes messages at ``<vehicle>/<modem>/send``, and reports at ``<vehicle>/<modem>/received``.
 
-    Messages are told when they come, whatever `rate_hz`.
+    Messages are reported when they arrive, whatever `rate_hz` is.
 
     Attributes:
-        ideal: everything that gets across is understood: no noise, no collisions, and it hears while it sends.
-        address: of this modem; a device setting.
-        addressed: packets carry addresses; without them each is for all, and as source the address for all is told.
-        broadcast_address: messages to it are for all.
-        highest_address: of any modem of this make.
-        protocol: modems understand each other that speak the same one.
-        bits_per_s: of the payload, net of coding.
-        overhead_s: length of a packet besides its payload: preamble, header, guard time.
-        fixed_bytes: each packet is as long as this many bytes at least, as of a device with frames of one length; 0 for none.
+        ideal: it understands every signal that arrives: there is no noise, there are no collisions, and it receives while it sends.
+        address: address of this modem; a device setting.
+        addressed: packets carry addresses. Without addresses each packet is for all modems, and the broadcast address is reported as the source.
+        broadcast_address: address that stands for all modems.
+        highest_address: highest address of a modem of this make.
+        protocol: modems with the same protocol understand each other.
+        bits_per_s: rate of the payload, net of coding.
+        overhead_s: duration of a packet besides its payload: preamble, header, guard time.
+        fixed_bytes: each packet lasts at least as long as this many bytes, as on a device whose frames all have one length; 0 for none.
         max_bytes: longest payload.
-        queue: messages that wait while one is sent; a further one is refused as busy.
-        acknowledges: it answers messages that ask for it. The sender learns that its message came, and from the time of the answer the range.
-        turn_around_s: between the end of a message and its answer.
-        retries: how often a message is sent again that nobody answers.
-        max_range_m: for an answer from farther nobody waits.
-        assumed_sound_speed_mps: with which it makes a range of a travel time; default: the truth where it is mounted.
-        direction_sigma_deg: error of the direction from which a message came, of a modem with an array; default: it tells none.
-        clearance_m: what stands nearer than this to either end does not hide it.
-        processing_s: from the end of a packet to the message.
+        queue: how many messages can wait while one is sent; a further one is refused as busy.
+        acknowledges: it answers messages that ask for it. The sender learns that its message arrived, and the range from the time of the answer.
+        turn_around_s: time between the end of a message and its answer.
+        retries: how often a message without an answer is sent again.
+        max_range_m: the modem does not wait for answers from farther away.
+        assumed_sound_speed_mps: sound speed with which it converts a travel time to a range; default: the true one at its mount.
+        direction_sigma_deg: error of the direction of arrival, for a modem with an array; default: it reports no direction.
+        clearance_m: things nearer than this to either end do not block the signal.
+        processing_s: time from the end of a packet to the message.
     """
 
     ideal: bool = False
@@ -72,7 +72,7 @@ class ModemTable(SensorTable, kw_only=True, frozen=True):
     processing_s: Annotated[float, Meta(ge=0, le=600)] = 0.0
 
     def __post_init__(self) -> None:
-        """ValueError where keys do not go together."""
+        """Raise ValueError if keys do not go together."""
         if self.address > self.highest_address:
             raise ValueError(f"address is {self.address}, the highest of this modem is {self.highest_address}")
         if self.address == self.broadcast_address:
@@ -81,16 +81,16 @@ class ModemTable(SensorTable, kw_only=True, frozen=True):
             raise ValueError("acknowledges = true needs addressed = true: without addresses all would answer at once")
 
     def port_of(self, vehicle: str, name: str) -> str:
-        """What it hears; beside it is ``send``."""
+        """Return the path of what it receives. The port ``send`` is beside it."""
         return f"{vehicle}/{name}/received"
 
     def traits(self) -> Traits:
-        """Its address, where packets carry one."""
+        """Declare the address, if packets carry one."""
         return Traits(address=self.address if self.addressed else UNSET)
 
 
 class ModemSettings(Settings, frozen=True):
-    """See `ModemTable`; `gain` is added to the level of what it sends, dB, `sound_speed` 0 stands for the truth."""
+    """See `ModemTable`. `gain` (dB) is added to the level of what it sends; `sound_speed` 0 means the true one."""
 
     address: _Address
     gain: Annotated[float, Meta(ge=-1000, le=0)]
@@ -98,16 +98,16 @@ class ModemSettings(Settings, frozen=True):
 
 
 class Crossing(NamedTuple):
-    """How a signal gets from one modem to another.
+    """How a signal travels from one modem to another.
 
     Attributes:
-        time: of travel, s.
-        signal: its power where it arrives, over that of `noise`'s unit.
-        noise: power of the noise there, in the same unit.
-        late: power of what comes so much later than the signal that it smears the next symbols.
-        level_db: of the signal, as the device tells it.
-        towards: unit vector (N) to where it comes from.
-        leaves: unit vector (N) along which it left.
+        time: travel time, s.
+        signal: its power on arrival, in the unit of `noise`.
+        noise: power of the noise there.
+        late: power of echoes that come so late that they smear the next symbols, in the same unit.
+        level_db: level of the signal, as the device reports it.
+        towards: unit vector (N) towards the direction that it comes from.
+        leaves: unit vector (N) along which it left the sender.
     """
 
     time: float
@@ -120,12 +120,12 @@ class Crossing(NamedTuple):
 
 
 class Signal(Struct, frozen=True):
-    """What is known of a signal in the water besides where it left: enough to receive it when its sender is gone.
+    """A signal in the water, apart from the place where it left. This is enough to receive it after its sender is gone.
 
     Attributes:
-        protocol: its kind.
+        protocol: the protocol of the sender.
         frequency, bandwidth: Hz.
-        level: at the source: dB re 1 uPa at 1 m, or of light dB re 1 W.
+        level: source level: dB re 1 uPa at 1 m, or dB re 1 W for light.
         axis: unit vector (N) along which it was sent.
     """
 
@@ -137,11 +137,11 @@ class Signal(Struct, frozen=True):
 
 
 class Modem(Sensor):
-    """The receiving end of a modem: tells the messages in its inbox, one a reading.
+    """The receiving end of a modem. Each reading reports one message of its inbox.
 
     Attributes:
-        table: of the device.
-        mount: on its vehicle.
+        table: the table of the device.
+        mount: its mount on the vehicle.
     """
 
     doc = (
@@ -178,7 +178,7 @@ class Modem(Sensor):
         super().__init__(ModemSettings(table.address, 0.0, speed))
 
     def turn_on(self) -> ModemMemory:
-        """Silent, with nothing to tell."""
+        """Return an empty memory."""
         return ModemMemory()
 
     @property
@@ -186,7 +186,7 @@ class Modem(Sensor):
         return self.memory.inbox[0].over if self.memory.inbox else None
 
     def sense(self, scope: Scope) -> Measurement | None:
-        """The oldest message that has come; None where there is none."""
+        """Report the oldest message that has arrived; None if there is none."""
         inbox = self.memory.inbox
         if not inbox or inbox[0].over > scope.t + 1e-9:
             return None
@@ -200,16 +200,16 @@ class Modem(Sensor):
         return Measurement(values, True, round(lasted * NANOSECONDS), since_ns=since_ns)
 
     def properties(self) -> dict[str, Json]:
-        """The settings, and what was counted."""
+        """Return the settings and the counters."""
         return {**super().properties(), "counts": structs.asdict(self.memory.counts)}
 
     def valid(self, record: Memory | Settings) -> None:
-        """Whatever the types allow: as many messages may wait as they say."""
+        """Accept any memory that the types allow: the number of waiting messages may be anything up to their limits."""
         if not isinstance(record, ModemMemory):
             super().valid(record)
 
     def tell(self, message: Message) -> None:
-        """Have something to tell."""
+        """Put an event into the inbox."""
         inbox = self.memory.inbox
         if len(inbox) == MOST_INBOX:
             inbox = inbox[1:]
@@ -218,29 +218,29 @@ class Modem(Sensor):
         self.rouse()
 
     def count(self, what: str) -> None:
-        """One more of these."""
+        """Increase a counter of `Counts` by one."""
         counts = self.memory.counts
         self.memory.counts = structs.replace(counts, **{what: getattr(counts, what) + 1})
 
     def duration(self, data: bytes) -> float:
-        """Of a packet with this payload, s."""
+        """Return the duration of a packet with this payload, s."""
         return self.table.overhead_s + 8.0 * max(len(data), self.table.fixed_bytes) / self.table.bits_per_s
 
     def is_for_me(self, destination: int) -> bool:
-        """Whether it takes messages to an address."""
+        """Return whether messages to an address are for this modem."""
         return destination in (self.settings.address, self.table.broadcast_address)
 
     @property
     def told_address(self) -> int:
-        """What its packets say of who sent them."""
+        """The source address that its packets carry."""
         return self.settings.address if self.table.addressed else self.table.broadcast_address
 
     def believed(self, scope: Scope, p: Vec3) -> float:
-        """The sound speed (m/s) with which it makes ranges, at its place (N, m)."""
+        """Return the sound speed (m/s) that it uses for ranges, at its position p (N, m)."""
         return self.settings.sound_speed or scope.water.sound_speed(p[2])
 
     def direction(self, towards: Vec3, q_NS: tuple[float, float, float, float]) -> tuple[float, float] | None:
-        """Bearing and elevation (rad, S) of a direction (N), without errors; None for a modem without an array."""
+        """Return bearing and elevation (rad, S) of a direction (N), without errors; None for a modem without an array."""
         if isinstance(self.table.direction_sigma_deg, UnsetType):
             return None
         x, y, z = rotate(conjugate(q_NS), towards)
@@ -248,65 +248,65 @@ class Modem(Sensor):
 
     @property
     def direction_sigma(self) -> float:
-        """Rad."""
+        """Standard deviation of the direction of arrival, rad."""
         sigma = self.table.direction_sigma_deg
         return 0.0 if isinstance(sigma, UnsetType) or self.table.ideal else rad(sigma)
 
     @property
     def fastest(self) -> float:
-        """It understands nobody who comes nearer, or parts, faster than this, m/s."""
+        """Largest relative speed at which it understands another modem, m/s."""
         return math.inf
 
     @property
     def speed_sigma(self) -> float | None:
-        """Standard deviation of the relative speed that it tells, m/s; None for a modem that tells none."""
+        """Standard deviation of the relative speed that it reports, m/s; None for a modem that reports none."""
         return None
 
     @property
     @abstractmethod
     def speed(self) -> float:
-        """No signal is faster, m/s."""
+        """Largest speed of a signal, m/s."""
 
     def speed_at(self, scope: Scope, p: Vec3) -> float:
-        """Of its signals at a place (N, m), m/s."""
+        """Return the speed of its signals at a place (N, m), m/s."""
         return self.speed
 
     def blur(self, distance: float) -> float:
-        """What is narrower than this (m) hides nothing over a distance (m): half of the first Fresnel zone in the middle of the way."""
+        """Return the width (m) below which a thing blocks nothing over a distance (m): half of the first Fresnel zone at mid-path."""
         return 0.0
 
     @abstractmethod
     def signal(self, q_NS: tuple[float, float, float, float]) -> Signal:
-        """What it sends at this attitude."""
+        """Return the signal that it sends at this attitude."""
 
     @abstractmethod
     def overlap(self, signal: Signal) -> float:
-        """How much of a signal's power is in its band, 0 to 1."""
+        """Return the part of a signal's power that lies in its band, 0 to 1."""
 
     @abstractmethod
     def crossing(
         self, scope: Scope, signal: Signal, a: Vec3, b: Vec3, q_NS: tuple[float, float, float, float], gain: float
     ) -> Crossing | None:
-        """How a signal gets from a to b (N, m), where this modem is with an attitude; None where it does not. gain: fading, dB."""
+        """Return how a signal travels from a to b (N, m), where this modem is with attitude q_NS; None if it does not arrive. gain: fading, dB."""
 
     @abstractmethod
     def notices(self, snr: float) -> bool:
-        """Whether it notices a packet at a signal over noise, as a ratio of powers."""
+        """Return whether it detects a packet at this signal-to-noise ratio, a ratio of powers."""
 
     @abstractmethod
     def error_rate(self, snr: float, size: int) -> float:
-        """Probability that a packet with so many bytes is not understood.
+        """Return the probability that a packet is not understood.
 
         Args:
-            snr: signal over all that disturbs it, as a ratio of powers.
-            size: bytes.
+            snr: power of the signal over the power of everything that disturbs it.
+            size: payload, bytes.
         """
 
     @abstractmethod
     def jitter(self, snr: float) -> float:
-        """Standard deviation of the time of an arrival, s."""
+        """Return the standard deviation of the time of an arrival, s."""
 
     @property
     @abstractmethod
     def fading(self) -> tuple[float, float]:
-        """Standard deviation of the level, dB, and the time in which it changes, s."""
+        """Standard deviation of the level, dB, and the time scale on which the level changes, s."""

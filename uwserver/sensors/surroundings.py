@@ -1,4 +1,4 @@
-"""What sensors in compiled code see of the world, as arrays: the table `now`, and how place and water are written into it."""
+"""The table `now`: the arrays that sensors in compiled code see of the world; and how place and water are written into it."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from uwserver.sensors.wiring import ELECTRIC
 
 PLACE = np.dtype(
     [
-        ("gravity", "f8"),  # m/s2 at the surface
-        ("growth", "f8"),  # of gravity with depth, relative, 1/m
+        ("gravity", "f8"),  # at the surface, m/s2
+        ("growth", "f8"),  # relative growth of gravity with depth, 1/m
         ("rotating", "i8"),  # 1: the Earth turns and is round
-        ("rate", "f8", (3,)),  # of the Earth at the origin, rad/s in N
+        ("rate", "f8", (3,)),  # of the Earth's rotation at the origin, rad/s in N
         ("curvature", "f8", (2,)),  # of the Earth to the north and to the east, 1/m
-        ("density", "f8"),  # kg/m3, which forces act with
+        ("density", "f8"),  # the one that forces use, kg/m3
         ("ph", "f8"),
-        ("atmosphere", "f8"),  # Pa at the surface
-        ("current", "f8", (3,)),  # steady part of the water's velocity in N, m/s
-        ("moves", "i8"),  # 1: there is a sea, with more than that
+        ("atmosphere", "f8"),  # pressure at the surface, Pa
+        ("current", "f8", (3,)),  # steady part of the water's velocity, m/s in N
+        ("moves", "i8"),  # 1: there is a sea, which adds to the steady current
         ("latitude", "f8"),  # of the origin of N, rad
         ("longitude", "f8"),
         ("declination", "f8"),  # magnetic, rad
@@ -32,7 +32,7 @@ PLACE = np.dtype(
         ("t_ns", "i8"),  # simulation time of this instant
     ]
 )
-"""Where the world is, and its water but for its column."""
+"""The place of the world on the Earth, and its water without the water column."""
 
 FORMS: Forms = {
     "state": columns(np.float64, STATE_SIZE),
@@ -49,14 +49,14 @@ FORMS: Forms = {
     "profiles": columns(np.float64, PROFILE_SIZE),
     "waves": columns(np.float64, WAVE_SIZE),
     "team": columns(np.int64),
-    "touching": columns(np.int64, 2),  # the contacts, a table again (`physics.contact.touching`)
+    "touching": columns(np.int64, 2),  # the contacts, which are a table themselves (`physics.contact.touching`)
     "voices": VOICE,  # of all sonars
 }
-"""Of the table `now`."""
+"""The arrays of the table `now`."""
 
 
 def water_arrays(water: Water) -> dict[str, Any]:
-    """Arrays of the water, by the names of `FORMS`."""
+    """Return the arrays of the water, by their names in `FORMS`."""
     rows = water.sea.rows if water.sea is not None else None
     nothing = np.zeros(7), np.zeros((0, PROFILE_SIZE)), np.zeros((0, WAVE_SIZE))
     uniform, profiles, waves = (rows.uniform, rows.profiles, rows.waves) if rows is not None else nothing
@@ -64,7 +64,7 @@ def water_arrays(water: Water) -> dict[str, Any]:
 
 
 def place_row(water: Water, earth: Earth) -> Any:
-    """The PLACE of a world."""
+    """Return the PLACE (1) of a world."""
     place = np.zeros(1, PLACE)
     row = place[0]
     row["gravity"], row["density"], row["atmosphere"] = water.gravity, water.density, water.atmospheric_pressure

@@ -1,4 +1,4 @@
-"""What a kind of sensor declares about itself as plain data, so that no other room has to know the kind."""
+"""What a kind of sensor declares about itself. It is plain data, so that no other room has to know the kind."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from uwserver.frames import Vec3
 from uwserver.ports import BeamView, FanView
 
 Sigma = tuple[float, ...]
-"""1-sigma of a field, in its unit: of each axis, or one number for all components."""
+"""1-sigma of a field, in its unit: one number for each axis, or one for all components."""
 BYTES_OF_BIN = 32
-"""About what one bin of a row of echoes takes in memory."""
+"""Memory that one bin of a row of echoes takes, about."""
 
 
 class Named(NamedTuple):
-    """Something that a sensor's table names, and that has to be there.
+    """An entry of another table that a sensor's table names. It has to exist.
 
     Attributes:
-        key: path of the key below the sensor's table.
+        key: path of the key that names it, below the sensor's table.
         table: "thrusters" or "sensors" of its vehicle, "vehicles" or "structures" of the scenario.
-        name: of the entry in that table.
+        name: name of the entry in that table.
     """
 
     key: tuple[str | int, ...]
@@ -31,14 +31,14 @@ class Named(NamedTuple):
 
 
 class KnownBeacon(NamedTuple):
-    """An acoustic beacon that a sensor asks, as its operator knows it.
+    """An acoustic beacon that a sensor interrogates, as its operator knows it.
 
     Attributes:
-        name: in the sensor's table.
-        p: where it is thought to be at t = 0, m: in N, or in B of the body that carries it.
+        name: name in the sensor's table.
+        p: assumed position at t = 0, m: in N, or in B of the body that carries it.
         body: the vehicle that carries it; None for a beacon in N.
-        delay: between question and answer, s.
-        moves: it does not stay at `p`.
+        delay: time between question and answer, s.
+        moves: whether it leaves `p`.
     """
 
     name: str
@@ -49,20 +49,20 @@ class KnownBeacon(NamedTuple):
 
 
 class Traits(Struct, frozen=True):
-    """What others need to know of one sensor. All of it is optional.
+    """What other rooms need to know of one sensor. Everything is optional.
 
     Attributes:
-        stages: parts of the compiled code (`uwserver.world.builds.STAGES`) that are compiled before the world is built.
-        beams: single beams that a picture of the world shows, in S.
-        fan: the sector that an imaging sonar looks over.
-        sigmas: field -> 1-sigma of its own errors: white noise, slowly changing biases and those that are drawn once a run, summed in variance.
+        stages: stages of the compiled code (`uwserver.world.builds.STAGES`) to compile before the world is built.
+        beams: single beams that viewers show, in S.
+        fan: the sector that an imaging sonar covers.
+        sigmas: field -> 1-sigma of its own errors: white noise, slowly changing biases, and biases drawn once a run, added in variance.
         picture_bytes: size of the picture or the row of echoes of one reading.
-        address: with which a modem begins, where its packets tell one.
-        beacons: those that it asks.
-        names: what its table names elsewhere.
-        needs_origin: the scenario must say where N lies on the Earth.
+        address: address that a modem starts with, if its packets carry one.
+        beacons: the beacons that it interrogates.
+        names: entries of other tables that its table names.
+        needs_origin: the scenario must give the position of N on the Earth.
         needs_field: it measures the Earth's magnetic field.
-        needs_sight: it sees things with their colours, and lamps.
+        needs_sight: it sees the colours of things, and lamps.
     """
 
     stages: tuple[str, ...] = ()

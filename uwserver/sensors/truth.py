@@ -1,4 +1,4 @@
-"""Ground truth of a vehicle, under ``<vehicle>/truth/``; an adapter serves it only when it is told to."""
+"""Ground truth of a vehicle, under ``<vehicle>/truth/``. An adapter serves it only if it is configured to."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from uwserver.table import Positive, Table
 
 
 class Truth(Table, kw_only=True, frozen=True):
-    """Ground truth under ``<vehicle>/truth/``: pose, velocity, acceleration, wrench, flow. Adapters serve it only if they are told to."""
+    """Ground truth under ``<vehicle>/truth/``: pose, velocity, acceleration, wrench, flow. Adapters serve it only if they are configured to."""
 
     rate_hz: Positive = 20.0
 
@@ -38,38 +38,38 @@ _RECORD = record([])
 
 @compiled
 def pose(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
-    """p_NB and q_NB."""
+    """Write p_NB and q_NB."""
     out[0], out[1], out[2] = p_NB(head, now)
     out[3], out[4], out[5], out[6] = q_NB(head, now)
 
 
 @compiled
 def velocity(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
-    """nu."""
+    """Write nu."""
     out[0], out[1], out[2] = v_NB_B(head, now)
     out[3], out[4], out[5] = w_NB_B(head, now)
 
 
 @compiled
 def acceleration(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
-    """nu_dot."""
+    """Write nu_dot."""
     out[:] = nu_dot_at(now)[head.body]
 
 
 @compiled
 def wrench(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
-    """tau."""
+    """Write tau."""
     out[:] = tau_at(now)[head.body]
 
 
 @compiled
 def flow(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
-    """Velocity of the water in B."""
+    """Write the velocity of the water in B."""
     out[0], out[1], out[2] = rotate(conjugate(q_NB(head, now)), water_velocity(now, p_NB(head, now), t))
 
 
 class _Exact(BankSensor):
-    """Always valid."""
+    """A sensor of the truth, which is always valid."""
 
     exact = True
 

@@ -1,4 +1,4 @@
-"""How sonars of one vehicle sound to each other, as rows, and what is heard of them in a ping (compiled)."""
+"""How the sonars of a vehicle disturb each other: the sound of each as a row, and what a ping receives of the others (compiled)."""
 
 from __future__ import annotations
 
@@ -13,44 +13,44 @@ from uwserver.physics.kernel.random import normals
 VOICE = np.dtype(
     [
         ("body", "i8"),  # row of the body that carries it
-        ("works", "i8"),  # 1: it is switched on, and no fault keeps it silent
-        ("key", "u8"),  # of its random numbers: what is heard of it does not depend on where its row lies
-        ("p", "f8", (3,)),  # of its transducer in B, m
+        ("works", "i8"),  # 1: the sonar is on, and no fault keeps it silent
+        ("key", "u8"),  # of its random numbers; what is received does not depend on the order of rows
+        ("p", "f8", (3,)),  # position of its transducer, m in B
         ("frequency", "f8"),  # Hz
         ("bandwidth", "f8"),
-        ("level", "f8"),  # of its source, dB re 1 uPa at 1 m
-        ("length", "f8"),  # of its pulse, s
+        ("level", "f8"),  # source level, dB re 1 uPa at 1 m
+        ("length", "f8"),  # pulse length, s
         ("range", "f8"),  # m
-        ("speed", "f8"),  # of sound, as it believes, m/s; 0 for the truth
-        ("overhead", "f8"),  # from the end of a ping to the next one, s
-        ("ready", "f8"),  # time from which it may ping next, s; 0 where it never did
+        ("speed", "f8"),  # sound speed that it assumes, m/s; 0 for the true one
+        ("overhead", "f8"),  # time from the end of a ping to the next one, s
+        ("ready", "f8"),  # time from which it may ping next, s; 0 before its first ping
         ("dt", "f8"),  # it pings at multiples of this, s
     ]
 )
-"""How a sonar sounds. Who pings says so here, and so does whoever changes it."""
+"""The sound of a sonar. The sonar updates it when it pings, and so does whatever changes its settings."""
 
 NO_VOICES: Records = np.zeros(0, VOICE)
 FIRST, END, INTENSITY, WHOSE = range(4)
-"""Columns of bursts (n, 4), sound of other sonars in one ping: the gate from which on it is heard, the one behind it, its mean intensity within the
-listener's band (uPa^2), and what tells its noise from that of all others: of the sonar and of its ping, a whole number below 2**52."""
+"""Columns of bursts (n, 4), the sound of other sonars in one ping: its first gate, the gate after its last one, its mean intensity within the
+listener's band (uPa^2), and a whole number below 2**52, of the sonar and its ping, that makes its noise differ from that of all others."""
 NO_BURSTS: FloatArray = np.zeros((0, 4))
 MOST = 101
-"""Pings of another sonar that are heard in one of the listener's."""
+"""Most pings of another sonar that one ping of the listener receives."""
 
 _NEAREST = 0.1
-"""m: what is nearer counts as if it were there, for transducers are no points."""
+"""m. A sonar that is nearer counts as if it were this far away, because transducers are no points."""
 _TICK = 1e-6
 _HEARD = 3
-"""What random numbers are drawn for; others are in `kernel.random`."""
+"""Purpose of these random numbers; other purposes are in `kernel.random`."""
 _REST, _PINGS = np.uint64(20), np.uint64(8)
-"""Bits of a sonar's key that are left out, and bits behind the others for the number of its ping: both stand in WHOSE."""
+"""How WHOSE is made: bits of a sonar's key that are left out, and bits after the rest of the key that hold the number of the ping."""
 _SONAR, _PING = np.uint64(12), np.uint64(56)
-"""Where they lie in what its noise is drawn by."""
+"""By how many bits the two are shifted in the number that its noise is drawn with."""
 
 
 @compiled
 def period(c: float, reach: float, speed: float, overhead: float) -> float:
-    """From a ping to the time from which the next one may follow (s), where the sound speed is c (m/s); the others are of VOICE."""
+    """Return the time from a ping to the earliest next one (s). c: true sound speed, m/s; the others are fields of VOICE."""
     return 2.0 * reach / (speed if speed > 0.0 else c) + overhead
 
 
@@ -61,16 +61,16 @@ def _due(t: float, dt: float) -> float:
 
 @compiled
 def pings(ready: float, busy: float, dt: float, since: float, now: float, until: float, out: Array) -> int:
-    """Times (s) of a sonar's pings, by its pace now: the last one, if it was later than `since`, and those to come before `until`.
+    """Find the times (s) of a sonar's pings at its present pace: the last one, if it was after `since`, and the coming ones before `until`.
 
     Args:
-        ready, dt: of VOICE.
-        busy: of `period`.
+        ready, dt: fields of VOICE.
+        busy: the result of `period`.
         since, now, until: s.
-        out: (MOST) receives them.
+        out: (MOST) receives the times.
 
     Returns:
-        How many.
+        The number of times.
     """
     count, began = 0, ready - busy
     if ready > 0.0 and began > since:
@@ -88,7 +88,7 @@ def pings(ready: float, busy: float, dt: float, since: float, now: float, until:
 
 @compiled
 def _shared(frequency: float, bandwidth: float, other: float, width: float) -> float:
-    """Part of the other's band that lies in the first one."""
+    """Return the part of the other's band that lies in the first band."""
     low = max(frequency - 0.5 * bandwidth, other - 0.5 * width)
     high = min(frequency + 0.5 * bandwidth, other + 0.5 * width)
     return min(max(high - low, 0.0) / width, 1.0)
@@ -96,7 +96,7 @@ def _shared(frequency: float, bandwidth: float, other: float, width: float) -> f
 
 @compiled
 def _by_key(voices: Array) -> Array:
-    """Rows of voices in the order of their keys: their own depends on who came and went before."""
+    """Return the rows of voices sorted by key. Their own order depends on which sensors were added and removed before."""
     order = np.arange(len(voices))
     for i in range(1, len(order)):
         j = i
@@ -110,23 +110,23 @@ def _by_key(voices: Array) -> Array:
 def find_bursts(
     voices: Array, mine: int, heard: Array, c: float, relative: float, t: float, per_metre: float, window: float, total: int, out: Array
 ) -> int:  # fmt: skip
-    """What is heard of others in a ping that begins now.
+    """Find the bursts of other sonars in a ping that begins now.
 
     Args:
         voices: (n) of VOICE.
-        mine: number of the listener's own.
-        heard: (n) bool, which of the others may be heard: those that work, under water.
+        mine: number of the listener's own voice.
+        heard: (n) bool, which of the others may be heard: those that work and are under water.
         c: sound speed, m/s.
-        relative: level of another sonar's sound beside that of its axis, dB.
+        relative: level of another sonar's sound relative to that on its axis, dB.
         t: now, s.
-        per_metre, window, total: of the gates of the ping (`imaging.echoes.Gates`).
-        out: (m, 4) receives bursts, by the keys of the sonars: room for MOST of each that is heard.
+        per_metre, window, total: the gates of the ping (`imaging.echoes.Gates`).
+        out: (m, 4) receives the bursts, in the order of the sonars' keys. It has room for MOST bursts of each sonar that is heard.
 
     Returns:
-        How many bursts.
+        The number of bursts.
     """
     me, per_second, count, times = voices[mine], 0.5 * c * per_metre, 0, np.empty(MOST)
-    bandwidth = min(me.bandwidth, per_second / window)  # of what the bins resolve
+    bandwidth = min(me.bandwidth, per_second / window)  # the band that the bins resolve
     for k in _by_key(voices):
         voice = voices[k]
         share = _shared(me.frequency, bandwidth, voice.frequency, voice.bandwidth) if heard[k] else 0.0
@@ -154,14 +154,14 @@ def find_bursts(
 
 @compiled
 def add_burst(burst: Array, beam: int, key: int, number: int, window: float, real: Array, imaginary: Array) -> None:
-    """Add a burst to what a beam hears, independent in each gate.
+    """Add a burst to the sound that a beam receives, independently in each gate.
 
     Args:
-        burst: (4) as a row of those.
+        burst: (4) a row of bursts.
         beam: number of the beam.
-        key, number: of the sensor's random numbers, and of the ping.
-        window: gates that the resolution of the pulse is long, whose sum has the intensity.
-        real, imaginary: (gates) of the beam, uPa, to which is added.
+        key, number: key of the sensor's random numbers, and number of the ping.
+        window: length of the pulse's resolution in gates. The sum over these gates has the intensity of the burst.
+        real, imaginary: (gates) sound of the beam, uPa; the burst is added.
     """
     root, gates = math.sqrt(0.5 * burst[INTENSITY] / window), len(real)
     whose = np.uint64(burst[WHOSE])
@@ -173,17 +173,17 @@ def add_burst(burst: Array, beam: int, key: int, number: int, window: float, rea
 
 
 find_bursts_at_once = entry(find_bursts.py_func)
-"""`find_bursts`, for who pings in Python."""
+"""`find_bursts` for sonars that ping in Python."""
 
 
 @compiled
 def add_bursts(bursts: Array, key: int, number: int, window: float, sound: Array) -> None:
-    """Add bursts to what a ping brings, independent in each beam and gate.
+    """Add bursts to the sound of a ping, independently in each beam and gate.
 
     Args:
-        bursts: (n, 4).
-        key, number, window: of `add_burst`.
-        sound: (2, beams, gates) real and imaginary part, uPa, to which is added.
+        bursts: (n, 4), see INTENSITY.
+        key, number, window: see `add_burst`.
+        sound: (2, beams, gates) real and imaginary part, uPa; the bursts are added.
     """
     for b in range(sound.shape[1]):
         for k in range(len(bursts)):

@@ -1,4 +1,4 @@
-"""What instruments inside a vehicle are wired to: its thrusters, their supply, and what the hull touches."""
+"""What the instruments inside a vehicle are wired to: its thrusters, and the contacts of its hull."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from uwserver.physics.bodies import Hydrodynamics
 
 
 class Electric(NamedTuple):
-    """How a thruster draws power and turns: both follow from its thrust, as for any propeller at rest.
+    """How much power a thruster draws and how fast it turns. Both follow from its thrust, as for any propeller at rest.
 
     Attributes:
         power: W per N**1.5 of open-water thrust, forward and reverse.
@@ -24,25 +24,25 @@ class Electric(NamedTuple):
     speed: tuple[float, float]
 
     def draw(self, thrust: float) -> float:
-        """Electric power (W) at an open-water thrust (N)."""
+        """Return the electric power (W) at an open-water thrust (N)."""
         return self.power[thrust < 0.0] * math.pow(abs(thrust), 1.5)
 
     def turn(self, thrust: float) -> float:
-        """Shaft speed (rad/s), signed as the thrust (N)."""
+        """Return the shaft speed (rad/s), with the sign of the thrust (N)."""
         return math.copysign(self.speed[thrust < 0.0] * math.sqrt(abs(thrust)), thrust)
 
 
 ELECTRIC = np.dtype([("wired", "i8"), ("power", "f8", (2,)), ("speed", "f8", (2,))])
-"""`Electric` of a thruster, for compiled code; one row for each row of the bodies' thrusters."""
+"""`Electric` of a thruster, for compiled code. Each row of the bodies' thrusters has one."""
 
 
 class Touch(NamedTuple):
     """One contact of the hull in the last tick.
 
     Attributes:
-        other: row of the other body; -1 for what does not move.
-        point: m in N.
-        impulse: on this body, N s in N.
+        other: row of the other body; -1 for something that does not move.
+        point: the point of contact, m in N.
+        impulse: impulse on this body, N s in N.
     """
 
     other: int
@@ -51,40 +51,25 @@ class Touch(NamedTuple):
 
 
 class Wiring:
-    """The rows of one vehicle that its own instruments read; the battery alone writes, the supply voltage."""
+    """The rows of one vehicle that its own instruments read."""
 
     def __init__(
-        self,
-        hydro: Hydrodynamics,
-        row: int,
-        thrusters: Mapping[str, int],
-        electrics: Mapping[str, Electric],
-        feeds: bool = True,
+        self, hydro: Hydrodynamics, row: int, thrusters: Mapping[str, int], electrics: Mapping[str, Electric]
     ) -> None:
         """Args:
         hydro: arrays of the world.
-        row: of the body.
-        thrusters: rows by name.
-        electrics: of the thrusters whose device file has them.
-        feeds: whether `supply` does anything.
+        row: row of the body.
+        thrusters: rows of its thrusters, by name.
+        electrics: those of its thrusters whose power and speed are known, by name.
         """
-        self._feeds = feeds
-        self._hydro = hydro
-        self._row = row
-        self._thrusters = dict(thrusters)
-        self._electrics = dict(electrics)
+        self._hydro, self._row = hydro, row
+        self._thrusters, self.electrics = thrusters, electrics
         self._wired = np.array([thrusters[name] for name in electrics], dtype=np.int64)
-        self._electric_rows: Any = None
-
-    def unfed(self) -> Wiring:
-        """The same to look at alone."""
-        return Wiring(self._hydro, self._row, self._thrusters, self._electrics, feeds=False)
+        rows = [(1, electric.power, electric.speed) for electric in electrics.values()]
+        self._electric_rows: Any = np.array(rows, ELECTRIC)
 
     def fill(self, electrics: Any) -> None:
-        """Write ELECTRIC of the vehicle's thrusters into an array of all."""
-        if self._electric_rows is None:
-            rows = [(1, electric.power, electric.speed) for electric in self._electrics.values()]
-            self._electric_rows = np.array(rows, ELECTRIC)
+        """Write ELECTRIC of the vehicle's thrusters into the array of all thrusters."""
         electrics[self._wired] = self._electric_rows
 
     @property
@@ -99,30 +84,25 @@ class Wiring:
 
     @property
     def lags(self) -> Any:
-        """Their lags."""
+        """Lags of all thrusters of the world."""
         return self._hydro.lags
 
-    @property
-    def electrics(self) -> Mapping[str, Electric]:
-        """Thrusters of which power and speed are known."""
-        return self._electrics
-
     def _thrust(self, row: int) -> float:
-        """Open-water thrust of a row at rest, N: after the lag, before inflow and installation."""
+        """Return the open-water thrust of a row at rest, N: after the lag, before inflow and installation."""
         thruster = self._hydro.thrusters[row]
         lag = self._hydro.lags[int(thruster["lag"])]
         force = float(lag["C"] @ thruster["x"] + lag["D"] * thruster["demand"]) * float(thruster["efficiency"])
         return force / float(thruster["installed"])
 
     def place_of(self, name: str) -> int:
-        """Which of the vehicle's thrusters it is, in the order of their rows; -1 where power and speed are not known."""
+        """Return the number of a thruster among those of the vehicle, in the order of rows; -1 if its power and speed are not known."""
         first = int(self._hydro.bodies["thruster_first"][self._row])
-        return self._thrusters[name] - first if name in self._electrics else -1
+        return self._thrusters[name] - first if name in self.electrics else -1
 
     def power(self) -> float:
-        """Electric power that all thrusters draw, W."""
+        """Return the electric power that all thrusters draw, W."""
         return math.fsum(
-            electric.draw(self._thrust(self._thrusters[name])) for name, electric in self._electrics.items()
+            electric.draw(self._thrust(self._thrusters[name])) for name, electric in self.electrics.items()
         )
 
     @property
@@ -130,18 +110,8 @@ class Wiring:
         """Supply of the first wired thruster, V; 0 without any."""
         return float(self._hydro.thrusters["voltage"][self._wired[0]]) if len(self._wired) else 0.0
 
-    def supply(self, voltage: float) -> None:
-        """Set the supply of the wired thrusters, V; 0 stops them."""
-        if not self._feeds:
-            return
-        rows = self._hydro.thrusters
-        rows["voltage"][self._wired] = voltage
-        rows["fresh"][self._wired] = 1
-        if voltage == 0.0:
-            rows["efficiency"][self._wired] = 0.0
-
     def touches(self) -> list[Touch]:
-        """Contacts of the last tick that carry an impulse, the strongest first."""
+        """Return the contacts of the last tick that carry an impulse, the strongest first."""
         contacts, impulses, _ = self._hydro.touched
         found = []
         for k in range(len(impulses)):

@@ -20,7 +20,7 @@ WHEN_CALLED, WHEN_DUE, AS_REPEATED = range(3)
 
 NEEDS_RATES, NEEDS_EXACT, NEEDS_PYTHON, NEEDS_KEEPING, NEEDS_TEXTS, NEEDS_REPEATING = 1, 2, 4, 8, 16, 32
 """What a round needs, as bits: accelerations; readings without errors; readings or errors in Python; values that are no numbers and wait in Python;
-status sensors, whose texts compiled code chooses (`sensors.writing.Writing`); compounds."""
+status sensors, whose texts compiled code chooses (`sensors.others.Writing`); compounds."""
 
 NOTHING_POSTED = np.zeros(1, np.int64)
 """For a step that no other thread ends (`tick.step`). Never changed."""

@@ -37,7 +37,7 @@ STREAM = np.dtype(
         (
             "texts",
             "i8",
-        ),  # number of the texts of the last reading, plus 1, if compiled code has written it (`sensors.writing.Writing`); else 0
+        ),  # number of the texts of the last reading, plus 1, if compiled code has written it (`sensors.others.Writing`); else 0
         ("thinning_first", "i8"),  # rows of `thinnings`: which samples are enough for the readers
         ("thinning_count", "i8"),  # 0: every sample is read
         ("unordered", "i8"),  # 1: samples were delivered in another order than that of their times

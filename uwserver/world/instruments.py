@@ -20,7 +20,7 @@ from uwserver.ports.thinning import Thinning
 from uwserver.ports.told import Log
 from uwserver.sensors import Scope, surroundings
 from uwserver.sensors.bank import HEAD, Bank, load
-from uwserver.sensors.sight import Sight
+from uwserver.sensors.others import Sight
 from uwserver.sensors.surroundings import place_row, water_arrays
 from uwserver.sensors.voices import VOICE
 from uwserver.sensors.wiring import ELECTRIC, Wiring

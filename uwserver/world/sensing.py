@@ -199,7 +199,7 @@ class Sensing(Part):
         ]
 
     def take_texts(self) -> None:
-        """Find the texts of readings that compiled code has written (`sensors.writing.Writing`)."""
+        """Find the texts of readings that compiled code has written (`sensors.others.Writing`)."""
         told = self._instruments.streams.rows["texts"]
         (streams,) = told.nonzero()
         for k, texts in zip(streams.tolist(), told[streams].tolist(), strict=True):

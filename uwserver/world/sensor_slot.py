@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from copy import copy
-from dataclasses import replace
 from fractions import Fraction
 from typing import Any, Literal
 
@@ -307,7 +306,7 @@ class SensorSlot(Part):
         twin.settings = self.sensor.settings
         if twin.paces:
             twin.memory = copy(self.sensor.memory)
-        reading = twin.sense(scope if scope.wiring is None else replace(scope, wiring=scope.wiring.unfed()))
+        reading = twin.sense(scope)
         return Measurement(blank(twin.fields), False) if reading is None else reading
 
     # -- the last reading -----------------------------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from uwserver.ports import Event, Port, Service
 from uwserver.ports.crossing import Answers, Posted, TickOutput
 from uwserver.ports.thinning import WHOLE, Thinned
 from uwserver.sensors.base import BOTTOM, SEDIMENT
-from uwserver.sensors.sight import Sight
+from uwserver.sensors.others import Sight
 from uwserver.world.commands import Commands
 from uwserver.world.components import ActuatorSlot, SensorStream
 from uwserver.world.diverged import Diverged, report

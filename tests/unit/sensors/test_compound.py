@@ -1,4 +1,4 @@
-"""Several sensors in one message. Also of uwserver.sensors.latest."""
+"""Several sensors in one message. Also of uwserver.sensors.others."""
 
 from __future__ import annotations
 

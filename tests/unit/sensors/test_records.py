@@ -133,7 +133,7 @@ def scope_of(world: World, slot: SensorSlot) -> Scope:
     return Scope(
         world.t_ns, tuple(x[0:3]), tuple(x[3:7]), tuple(x[7:10]), tuple(x[10:13]), world.water,  # type: ignore[arg-type]
         geometry=world.geometry, vehicles=world.vehicles, earth=world.earth,
-        wiring=None if slot.wiring is None else slot.wiring.unfed(), lambert=world.lambert,
+        wiring=slot.wiring, lambert=world.lambert,
         sight=world.sight, row=slot.row,
     )  # fmt: skip
 

@@ -1,6 +1,6 @@
 """Many ticks in one go are those that are made one by one, bit for bit, whatever happens in them and between them; and where steps stop.
 
-Also of uwserver.sensors.writing, uwserver.step.tick, uwserver.step.bodies, uwserver.step.rows, uwserver.step.contact,
+Also of uwserver.step.tick, uwserver.step.bodies, uwserver.step.rows, uwserver.step.contact,
 uwserver.physics.contact.calling, uwserver.world.by_hand and uwserver.world.step_table.
 """
 

@@ -122,7 +122,10 @@ def test_rays_of_a_kind_reach_as_far_as_it_says(tmp_path: Path, reach: str, bott
 
 @pytest.mark.parametrize(
     ("code", "said"),
-    [(ping("None"), 'cannot compile "aim"'), (ping("50.0").replace("(aim,)", "(aim,) * 3"), "3 loops that aim, 2 are")],
+    [
+        (ping("None"), 'cannot compile "aim"'),
+        (ping("50.0").replace("(aim,)", "(aim,) * 3"), "3 loops that aim, at most 2"),
+    ],
     ids=["nothing", "three"],
 )
 def test_a_kind_that_cannot_be_called_is_told_where_it_stands(tmp_path: Path, code: str, said: str) -> None:

@@ -1,4 +1,4 @@
-"""From a vehicle's tables to its built-in autopilot: what it listens to, what it holds, and how strong that is."""
+"""Builds the autopilot of a vehicle from its tables: its sensors, its actuators, and how strong they are."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ from uwserver.world.world import World
 RATE_HZ, STATE_RATE_HZ = 60, 10
 _ONLY_ONE = ("Imu", "Attitude", "FluidPressure", "BatteryState")
 _LEAST_UP_M, _AWASH_M = 0.3, 0.1
-"""A vehicle has come up when its origin is no deeper than the first, or the top of its displaced volume no deeper than the second."""
+"""A vehicle has surfaced when its origin is no deeper than the first, or the top of its displaced volume no deeper than the second."""
 _UNKNOWN_PUSH = 0.5
-"""Acceleration (m/s2, rad/s2) that a vehicle without thrusters is taken to be able to give itself where its file says nothing."""
+"""Largest acceleration (m/s2, rad/s2) assumed for a vehicle without thrusters, if its file gives no limit."""
 
 
 @dataclass(frozen=True)
@@ -74,15 +74,15 @@ def build_autopilot(
     ports: Mapping[str, Port],
     actuators: Mapping[str, ActuatorSlot],
 ) -> Piloted | None:
-    """The autopilot of a vehicle of a checked scenario; None if it has none.
+    """Return the autopilot of a vehicle of a checked scenario; None if it has none.
 
     Args:
-        world, resolved, params: of the vehicle.
-        name: its first level of paths.
-        row: of its body.
+        world, resolved, params: the world, and tables and parameters of the vehicle.
+        name: first level of its paths.
+        row: row of its body.
         mounts: X_BS of its sensors.
-        ports: theirs, by path.
-        actuators: by their names in the vehicle file.
+        ports: ports of its sensors, by path.
+        actuators: its actuators, by their names in the vehicle file.
     """
     config = resolved.entry.autopilot
     if isinstance(config, UnsetType):
@@ -122,7 +122,7 @@ def build_autopilot(
 
 
 def _up(params: BodyParams) -> float:
-    """Depth of the origin (m) from which on the vehicle has come up: a tall one floats with its origin far below its top."""
+    """Return the depth of the origin (m) at which the vehicle has surfaced. A tall one floats with its origin far below its top."""
     tops = [
         float(shape["half"][0 if shape["kind"] == SHAPE_SPHERE else 2] - shape["center"][2])
         for shape in shape_rows(params)
@@ -131,17 +131,17 @@ def _up(params: BodyParams) -> float:
 
 
 def gains_of(file: VehicleFile, config: AutopilotConfig) -> Gains:
-    """Of the vehicle file, with those of the scenario in their place.
+    """Return the gains of the vehicle file, replaced by those of the scenario.
 
     Raises:
-        msgspec.ValidationError: a name or value that is none.
+        msgspec.ValidationError: a name or a value is wrong.
     """
     own = Gains() if isinstance(file.autopilot, UnsetType) else file.autopilot.gains
     return msgspec.convert({**structs.asdict(own), **config.gains}, Gains)
 
 
 def divisor_of(physics: Fraction, wanted: float | UnsetType, most: int) -> int:
-    """Ticks of a step; by default the fewest that make at most `most` steps a second."""
+    """Return the ticks of a step; by default the fewest that give at most `most` steps a second."""
     if isinstance(wanted, UnsetType):
         return max(1, math.ceil(physics / most))
     return round(physics / Fraction(str(wanted)))
@@ -150,7 +150,7 @@ def divisor_of(physics: Fraction, wanted: float | UnsetType, most: int) -> int:
 def _set_point_slots(
     world: World, path: str, pilot: Autopilot, config: AutopilotConfig
 ) -> Iterator[tuple[str, ActuatorSlot]]:
-    """Its ports for commands, by name."""
+    """Yield the ports for commands, by name."""
     timeouts = {"pilot": config.pilot_timeout_s, "test": TEST_TIMEOUT_S}
     timeouts |= dict.fromkeys(("velocity", "attitude"), config.setpoint_timeout_s)
     for name, point in set_points(pilot):
@@ -168,7 +168,7 @@ def _state_slot(world: World, path: str, pilot: Autopilot, config: AutopilotConf
     return SensorSlot(sensor, (SensorStream(port),), row, world.rate_hz, divisor)
 
 
-# -- what it hears --------------------------------------------------------------------------------------------------------------------------
+# -- sensors --------------------------------------------------------------------------------------------------------------------------------
 
 
 def _sources(
@@ -179,7 +179,7 @@ def _sources(
     names = {
         key: {field.name for field in ports[config.port_of(name, key)].fields} for key, config in file.sensors.items()
     }
-    # Of two pressure sensors it takes the one that tells depth.
+    # Of two pressure sensors it takes the one that reports depth.
     for key, sensor in sorted(file.sensors.items(), key=lambda item: "pressure" in names[item[0]]):
         message, fields = sensor.message, ports[sensor.port_of(name, key)].fields
         takes = wanted(message, fields)
@@ -204,7 +204,7 @@ def _sources(
 
 
 def _sigma(sensor: SensorConfig) -> float:
-    """What the operator expects of a position, from the same data sheet as the scenario's author, m."""
+    """Return the standard deviation of a position that the operator expects from the data sheet, m."""
     if sensor.traits().beacons:
         return 0.3
     noise = [m.sigma for m in sensor.modifiers.values() if isinstance(m, WhiteNoise) and m.field == "p_NS"]
@@ -219,17 +219,17 @@ def _surroundings(world: World, file: VehicleFile, config: AutopilotConfig) -> S
     return Surroundings(world.water.gravity, world.earth.latitude, world.earth.longitude, beacons, start)
 
 
-# -- what it holds --------------------------------------------------------------------------------------------------------------------------
+# -- actuators ------------------------------------------------------------------------------------------------------------------------------
 
 
 @dataclass
 class _Hands:
-    """Actuators that are commanded, in the allocation's order, and others on the same devices, which are only kept from commanding them.
+    """The actuators that an autopilot commands, and others on the same devices, which it only blocks.
 
     Attributes:
-        held, blocked: these.
-        shares: devices of each held one.
-        names, rows, full: of the devices: what they are called, where the bodies' arrays have them, and their full commands.
+        held, blocked: actuators that it commands, in the order of the allocation; and those that it blocks.
+        shares: number of devices of each held actuator.
+        names, rows, full: the devices: their names, their rows in the bodies' arrays, and their full commands.
     """
 
     held: list[Held] = field(default_factory=list)
@@ -240,7 +240,7 @@ class _Hands:
     full: list[float] = field(default_factory=list)
 
     def hold(self, slot: ActuatorSlot, names: Sequence[str], strongest: float = 0.0) -> None:
-        """Hold an actuator. A field without a largest value has `strongest` as its full command."""
+        """Hold an actuator. The full command of a field is its maximum, or `strongest` if it has none."""
         actuator: Any = slot.actuator
         self.held.append(slot)
         self.shares.append(len(names))
@@ -277,7 +277,7 @@ def _devices(
     hands: _Hands,
     strongest: float = 0.0,
 ) -> Iterator[tuple[Devices, tuple[str, ...]]]:
-    """The actuators of devices in a table, with the names of these, those of many first; no device comes twice."""
+    """Hold the actuators of devices in a table, those with many devices first, and yield them with the names. No device comes twice."""
     found = {key: config.devices() for key, config in file.actuators.items()}
     members = {
         key: (devices, devices.members or everything)
@@ -313,7 +313,7 @@ def _thrusters(
 
 @lru_cache(maxsize=16)
 def _together(groups: tuple[tuple[tuple[Thrust, ...], bool], ...]) -> ThrusterAllocation:
-    """The same for all vehicles alike: it remembers nothing."""
+    """Return an allocation, which all vehicles alike share, because it has no state."""
     return ThrusterAllocation(list(groups))
 
 
@@ -352,7 +352,7 @@ def _fins(file: VehicleFile, params: BodyParams, actuators: Mapping[str, Actuato
 
 
 def _fin(params: BodyParams, servo: str) -> FinEffect:
-    """Of a fin's foil and of its published derivatives, straight ahead at 1 m/s and small angles."""
+    """Return the effect of a fin's foil and published derivatives, straight ahead at 1 m/s and for small angles."""
     column = np.zeros(6)
     for foil in params.appendages.foils:
         if foil.servo == servo:

@@ -1,4 +1,4 @@
-"""From a resolved external vehicle to a body of a world that follows poses."""
+"""Builds an external vehicle, a body of a world that follows poses, from a resolved one."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from uwserver.world.vehicle import Vehicle
 from uwserver.world.world import World
 
 STATE_RATE_HZ = 10
-"""Of `state` and `difference`, or what divides the physics rate and is nearest below."""
+"""Rate of `state` and `difference`, or the highest rate below it that divides the physics rate."""
 
 
 def external_member(world: World, resolved: ResolvedVehicle, row: int, name: str) -> Member:
-    """An external vehicle, whose body is in a row of the world, with its ports."""
+    """Return an external vehicle, whose body is in a row of the world, with its ports."""
     entry, slots = resolved.entry, list[ActuatorSlot]()
     source: Source
     shown = moving_parts(resolved)
@@ -67,7 +67,7 @@ def _modems(world: World, resolved: ResolvedVehicle, row: int, name: str) -> Ite
 
 
 def moving_parts(resolved: ResolvedVehicle) -> tuple[Shown, ...]:
-    """Actuators of an external vehicle's file that viewers turn, in the order of `uwserver.scenario.scene.fittings.actuator_views`."""
+    """Return the actuators of an external vehicle that viewers move, in the order of `uwserver.scenario.scene.fittings.actuator_views`."""
     file = resolved.vehicle
     fins = (Shown(name, rad(fin.limit_deg)) for name, fin in file.fins.items())
     return (*map(Shown, file.thrusters), *fins, *map(Shown, file.propellers))

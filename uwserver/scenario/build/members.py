@@ -1,4 +1,4 @@
-"""From resolved vehicles and objects to bodies of a world, with their components."""
+"""Builds the members of a world, bodies with their components, from resolved vehicles and objects."""
 
 from __future__ import annotations
 
@@ -39,20 +39,20 @@ log = logging.getLogger(__name__)
 
 
 def physics_rate(rate_hz: float) -> Fraction:
-    """The rate as the exact rational that the user wrote in decimals."""
+    """Return the rate as the exact fraction that the user wrote in decimals."""
     return Fraction(str(rate_hz))
 
 
 def build_scene(world: World, resolved: Resolved, stocks: Stocks | None = None) -> None:
-    """Give a world the solid things of its scenario that never move; `stocks`: as of `Scene`."""
-    # The engines, which a world without anything solid does not need.
+    """Give a world the solid things of its scenario that never move. stocks: see `Scene`."""
+    # A world without anything solid does not need these engines.
     from uwserver.physics.rays.surfaces import has_embree
     from uwserver.physics.scene import Scene
     from uwserver.physics.warm import solid_kernels
 
     solid_kernels()
     if not has_embree():
-        log.info("embreex is not installed: sonars see the same through a slower tree of uwserver's own")
+        log.info("embreex is not installed: rays of sonars use a slower tree of uwserver's own, with the same results")
     scene = Scene(lambda: world.hydro.state, resolved.scenario.world.engine, stocks)
     for solid in resolved.static.values():
         scene.add_static(solid)
@@ -60,7 +60,7 @@ def build_scene(world: World, resolved: Resolved, stocks: Stocks | None = None) 
 
 
 def object_member(world: World, resolved: ResolvedObject, row: int, name: str) -> Member:
-    """A free object, whose body is in a row of the world, with its components."""
+    """Return a free object, whose body is in a row of the world, with its components."""
     truth = resolved.entry.truth
     sensors = () if isinstance(truth, UnsetType) else tuple(truth_slots(world, name, truth.rate_hz, row))
     services = tuple(component_services(world, sensors, ()))
@@ -68,7 +68,7 @@ def object_member(world: World, resolved: ResolvedObject, row: int, name: str) -
 
 
 def vehicle_member(world: World, resolved: ResolvedVehicle, row: int, name: str) -> Member:
-    """A vehicle, whose body is in a row of the world, with its components."""
+    """Return a vehicle, whose body is in a row of the world, with its components."""
     file, entry, hydro = resolved.vehicle, resolved.entry, world.hydro
     params, bodies = hydro.params[row], own_rows(hydro, file, row)
     body = bodies[""]
@@ -111,7 +111,7 @@ def _electrics(resolved: ResolvedVehicle) -> dict[str, Electric]:
 
 
 def electric_of(table: ElectricTable) -> Electric:
-    """How a thruster draws power and turns, from its device's table."""
+    """Return the power and speed of a thruster, from the table of its device."""
     power, speed = table.reverse_power_WpN15, table.reverse_speed_radpspN05
     return Electric(
         (table.power_WpN15, table.power_WpN15 if isinstance(power, UnsetType) else power),
@@ -120,7 +120,7 @@ def electric_of(table: ElectricTable) -> Electric:
 
 
 def mount_of(config: SensorTable, file: VehicleFile) -> Pose:
-    """X_BS of a sensor: its mount's, or its own."""
+    """Return X_BS of a sensor: the pose of its mount, or its own."""
     place = config if config.mount is UNSET else file.mounts[str(config.mount)]
     return Pose.from_degrees(place.rpy_deg, place.position_frd_m)
 
@@ -128,7 +128,7 @@ def mount_of(config: SensorTable, file: VehicleFile) -> Pose:
 def hang_sensors(
     slots: Mapping[str, SensorSlot], configs: Mapping[str, SensorTable], actuators: Mapping[str, ActuatorSlot]
 ) -> None:
-    """Let sensors turn with the mounts that they sit on."""
+    """Let sensors tilt with the mounts that they sit on."""
     joints = {
         slot.actuator.mount: slot.actuator for slot in actuators.values() if isinstance(slot.actuator, CameraMount)
     }
@@ -147,14 +147,14 @@ def sensor_slot(
     mount: Pose,
     built: Mapping[str, SensorSlot],
 ) -> SensorSlot:
-    """A sensor in a world.
+    """Return the slot of a sensor in a world.
 
     Args:
-        world: where it is to be.
-        path: of its port.
-        config, sensor, mount: its table, and what was made of it.
-        row: of the body.
-        built: others of the vehicle.
+        world: the world.
+        path: path of its port.
+        config, sensor, mount: its table, the sensor that was built of it, and its mount.
+        row: row of the body.
+        built: the sensors of the vehicle that are built already.
     """
     divisor = round(world.rate_hz / physics_rate(config.rate_hz))
     sensor.dt = float(divisor / world.rate_hz)
@@ -186,15 +186,15 @@ def _modifiers(world: World, port: Port, tables: Mapping[str, ModifierConfig]) -
 
 
 def stream_of(seed: int, path: str) -> np.random.Generator:
-    """The random stream of one path: it depends on nothing but the scenario's seed and the path itself."""
+    """Return the random stream of a path. It depends only on the seed of the scenario and on the path."""
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=tuple(path.encode()))))
 
 
 def truth_slots(world: World, vehicle: str, rate_hz: float, row: int) -> Iterable[SensorSlot]:
-    """Sensors of the ground truth of the body in a row."""
+    """Yield the sensors of the ground truth of the body in a row."""
     divisor = round(world.rate_hz / physics_rate(rate_hz))
     for name, make in TRUTH.items():
-        sensor = make()  # which draws nothing: a random stream of its own would cost more than all else here
+        sensor = make()  # it draws nothing; a random stream of its own would take longer than all the rest
         path = f"{vehicle}/truth/{name}"
         sensor.start(key_of(world.seed, path))
         kind, message, rate = f"truth_{name}", f"True{name.capitalize()}", float(world.rate_hz / divisor)
@@ -206,7 +206,7 @@ def _actuator(world: World, path: str, config: ActuatorConfig, body: Body) -> Ac
     actuator = config.build(body)
     fields: tuple[Field, ...] = actuator.fields
     kind = str(config.__struct_config__.tag)
-    propulsors = getattr(actuator, "propulsors", UNSET)  # thrusters have some
+    propulsors = getattr(actuator, "propulsors", UNSET)  # only thrusters have some
     message, timeout_s = config.message or UNSET, config.timeout_s or None
     port = Port(
         path, "actuator", kind, fields, actuator.doc, timeout_s=timeout_s, propulsors=propulsors, message=message

@@ -1,4 +1,4 @@
-"""The sending ends of modems, their services, and the water between them."""
+"""The sending ends of modems, their services, and the medium between them."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from uwserver.world.world import World
 
 
 def add_medium(world: World, resolved: Resolved) -> None:
-    """Let packets be in the water of a world, where a vehicle of its scenario has a modem."""
+    """Add the medium that carries packets, if a vehicle of the scenario has a modem."""
     if any(isinstance(config, ModemTable) for config in resolved.sensors):
         world.add(Medium(world))
 
 
 def send_slots(world: World, sensors: Iterable[SensorSlot]) -> list[ActuatorSlot]:
-    """Where the modems among some sensors take messages."""
+    """Return the actuators that take messages for the modems among some sensors."""
     slots = []
     for slot in sensors:
         modem, medium = slot.sensor, world.parts.get(Medium.path)
@@ -41,25 +41,28 @@ _LONGEST_WAIT_S = 3600.0
 
 
 def range_services(world: World, slots: Iterable[ActuatorSlot]) -> Iterator[tuple[Service, Carry]]:
-    """``range`` and ``cancel_range`` of the modems among some actuators whose make answers."""
+    """Yield ``range`` and ``cancel_range`` of the modems among some actuators, if they answer messages."""
     for slot in slots:
         send, medium = slot.actuator, world.parts.get(Medium.path)
         if isinstance(send, Send) and isinstance(medium, Medium) and send.modem.table.acknowledges:
             base = slot.port.path.removesuffix("/send")
             yield _range_service(base, send), _asking(world, medium, slot, send)
-            yield Service(f"{base}/cancel_range", "Wait no more for the range under way."), _cancelling(medium, base)
+            yield (
+                Service(f"{base}/cancel_range", "Stop waiting for the range that was asked for."),
+                _cancelling(medium, base),
+            )
 
 
 def _range_service(base: str, send: Send) -> Service:
     doc = (
-        "Ask another modem for its distance: a packet goes there, and an answer comes back. The result has range (m), travel_time (there and "
-        "back, s), snr, the direction of a modem with an array, and t_s of the arrival; without an answer in time it fails as timeout. The "
-        "packet can get lost like any other, and is sent once. Modifiers of the port are not in it."
+        "Measure the distance to another modem: a packet goes there, and an answer comes back. The result has range (m), travel_time (there and "
+        "back, s), snr, the direction if the modem has an array, and t_s of the arrival. Without an answer in time the call fails as timeout. The "
+        "packet can get lost like any other, and is sent only once. Modifiers of the port do not apply."
     )
     arguments = (
         Argument("destination", "int", "address", "1", minimum=0, maximum=send.modem.table.highest_address),
         Argument(
-            "timeout_s", "float", "to wait after the packet was sent; default: as long as an answer from max_range_m takes", "s",
+            "timeout_s", "float", "how long to wait after the packet was sent; default: the time of an answer from max_range_m", "s",
             required=False, minimum=1e-3, maximum=_LONGEST_WAIT_S,
         ),
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Where the structures are that a sensor's table names."""
+"""Boxes around the structures that the tables of sensors name."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 from uwserver.physics.geometry.shapes import Box, Capsule, ConvexHull, Cylinder, Placed, Solid, Sphere, TriangleMesh
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.scenario.load.resolved import ResolvedVehicle
-from uwserver.sensors.place import Outline
+from uwserver.sensors.others import Outline
 from uwserver.world.members import Member
 
 
 def survey_structures(member: Member, vehicle: ResolvedVehicle, static: Mapping[str, Solid]) -> None:
-    """Tell the sensors of a vehicle that was made where the structures are that their tables name; `static`: seabed and structures in N, by name."""
+    """Give the sensors of a new vehicle the outlines of the structures that their tables name. static: seabed and structures in N, by name."""
     sensors = {slot.path: slot.sensor for slot in member.sensors}
     for key, config in vehicle.vehicle.sensors.items():
         names = {named.name for named in config.traits().names if named.table == "structures"} & static.keys()
@@ -24,7 +24,7 @@ def survey_structures(member: Member, vehicle: ResolvedVehicle, static: Mapping[
 
 
 def outline_of(solid: Solid) -> Outline:
-    """The box around a structure, along the axes of its first shape."""
+    """Return the box around a structure, along the axes of its first shape."""
     first = solid.shapes[0]
     corners = np.concatenate([_corners(placed) for placed in solid.shapes])
     local = (corners - first.p) @ first.R
@@ -36,7 +36,7 @@ def outline_of(solid: Solid) -> Outline:
 
 
 def _corners(placed: Placed) -> FloatArray:
-    """(n, 3) points of a shape, N, whose box is that of the shape."""
+    """Return (n, 3) points of N whose bounding box is that of the shape."""
     shape = placed.shape
     if isinstance(shape, TriangleMesh):
         points: FloatArray = np.asarray(shape.vertices, dtype=np.float64)

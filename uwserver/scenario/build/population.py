@@ -1,4 +1,4 @@
-"""Who is in the world: all bodies of the scenario at its start, and those that ``world/spawn`` and ``world/remove`` let come and go."""
+"""The bodies in a world: those of the scenario at the start, and those that ``world/spawn`` adds and ``world/remove`` removes."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ from uwserver.world.part import State
 from uwserver.world.world import World
 
 MAX_BODIES = MOST_BODIES
-"""Rows for bodies. Those of one that was removed are for the next that is like it; until a reset for nobody else."""
+"""Most rows for bodies. Until a reset, the rows of a body that was removed can only be used by another one built like it."""
 BURIED_M = 0.01
-"""A body cannot be put deeper into something than this."""
+"""A spawned body may be this deep inside something, but no deeper."""
 
 
 class Born(Struct, frozen=True):
-    """A body that is or was in the world: a copy of one of the scenario, by name."""
+    """A body that is or was in the world, built like one of the scenario."""
 
     like: str
     name: str
@@ -46,16 +46,17 @@ class Born(Struct, frozen=True):
 
 
 class PopulationState(State, frozen=True):
-    """Who is in each row, or was last; and what the scenario has, of which they are copies."""
+    """The present or last body of each row, and the names of the bodies of the scenario."""
 
     scenario: Annotated[tuple[str, ...], Meta(max_length=65536)]
     born: Annotated[tuple[Born, ...], Meta(max_length=MAX_BODIES)]
 
 
 class ScenarioPopulation(Population):
-    """Puts bodies of a scenario into its world. What they are made of is worked out once, and who was made for a row is kept.
+    """Puts bodies of a scenario into its world. Their parameters are computed once, and the member that was built for a row is kept.
 
-    A spawn delays its tick by 1.5 ms in a small world, and by 5 ms with an autopilot and navigation among 80 such vehicles: all ports are told anew.
+    A spawn delays its tick, because all ports are announced again: by 1.5 ms in a small world, and by 5 ms for a vehicle with an autopilot and
+    navigation among 80 such vehicles.
     """
 
     path = "world/population"
@@ -78,7 +79,7 @@ class ScenarioPopulation(Population):
         } | {name: body.params for name, body in resolved.objects.items()}
 
     def begin(self) -> None:
-        """Let everybody in who is there at the start, and offer the services."""
+        """Add the bodies that are there at the start, and offer the services."""
         world, members = self._world, []
         entries: dict[str, VehicleEntry | ObjectEntry] = {}
         entries |= {name: vehicle.entry for name, vehicle in self._resolved.vehicles.items()}
@@ -99,21 +100,19 @@ class ScenarioPopulation(Population):
         self._offer(tuple(entries))
 
     def spawn(self, name: str, like: str, p_NB: Vec3, q_NB: Quat) -> None:
-        """Add a body like one of the scenario, at rest in the water.
+        """Add a body that is built like one of the scenario, at rest.
 
         Raises:
-            Refused: the name cannot be one or is taken, nothing is called `like`, or the place is taken.
+            Refused: the name is not allowed or taken, the scenario has no body `like`, there is no room, or the place is taken.
         """
         world = self._world
         if not NAME.fullmatch(name) or name == "world":
-            raise Refused("bad_argument", f'"{shown(name)}" cannot be a name: letters, digits, _ and -', "name")
+            raise Refused("bad_argument", f'"{shown(name)}" cannot be a name: use letters, digits, _ and -', "name")
         if name in world.members:
             raise Refused("bad_argument", f'there is a "{name}" already: choose another name', "name")
         row = self._free_row(like)
         if row is None and len(world.hydro) >= MAX_BODIES:
-            text = (
-                f"there is room for {MAX_BODIES} bodies, and for those that were removed only others like them come in"
-            )
+            text = f"there is room for {MAX_BODIES} bodies, and the rows of removed bodies fit only bodies like them"
             raise Refused("busy", f"{text}: remove one like this, or call world/reset", "name")
         norm = math.hypot(*q_NB)
         if norm == 0.0:
@@ -135,16 +134,16 @@ class ScenarioPopulation(Population):
         row = member.vehicle.row
         self._born = (*self._born[:row], Born(like, name), *self._born[row + 1 :])
         self._remember((member,))
-        # In the order of their rows, as after a restore.
+        # Members are in the order of their rows, as after a restore.
         world.set_members(sorted((*world.members.values(), member), key=lambda each: each.vehicle.row))
         world.set_current(world.water.current)
         world.hydro.load_kernels()
 
     def remove(self, name: str) -> None:
-        """Take a body and its components out; its faults are cleared, its samples on their way are lost.
+        """Remove a body and its components. Its faults are cleared, and its samples in flight are lost.
 
         Raises:
-            Refused: there is none of this name.
+            Refused: there is no body of this name.
         """
         world = self._world
         member = world.members.get(name)
@@ -159,7 +158,7 @@ class ScenarioPopulation(Population):
     # -- states ---------------------------------------------------------------------------------------------------------------------
 
     def save(self) -> PopulationState:
-        """Who is and was there."""
+        """Return the bodies that are and were there."""
         return PopulationState(tuple(self._params), self._born)
 
     def likes(self) -> dict[str, str]:
@@ -192,7 +191,7 @@ class ScenarioPopulation(Population):
         return members
 
     def check(self, state: Any) -> None:
-        """Each body is like one of the scenario, has a name of its own, and the engines that it needs are installed."""
+        """Raise ValueError unless each body is like one of the scenario and has a name of its own, and the engines that it needs are installed."""
         if state.scenario != tuple(self._params):
             raise ValueError("the scenario has other vehicles or objects")
         names = [born.name for born in state.born if born.present]
@@ -202,17 +201,17 @@ class ScenarioPopulation(Population):
             if not NAME.fullmatch(born.name) or born.name == "world":
                 raise ValueError(f'"{shown(born.name)}" cannot be a name')
         if len(set(names)) < len(names):
-            raise ValueError("two bodies have one name")
+            raise ValueError("two bodies have the same name")
         missing = missing_engines(self._engine) if self._world.scene is None and self._needs_scene(state.born) else None
         if missing:
             raise ValueError(missing)
 
     def load(self, state: PopulationState) -> None:
-        """Remember who was there; the bodies themselves have been admitted."""
+        """Take over which bodies there are. `admit` has already put them into the world."""
         self._born = state.born
 
     def admit(self, state: PopulationState, members: Iterable[Member]) -> None:
-        """Let these bodies in, and make what is solid about them touch."""
+        """Put these bodies into the world, and build the scene if one of them is solid."""
         self._born = state.born
         if self._world.scene is None and self._needs_scene(state.born):
             build_scene(self._world, self._resolved)
@@ -221,7 +220,7 @@ class ScenarioPopulation(Population):
         self._world.set_members(here)
 
     def _remember(self, members: Iterable[Member]) -> None:
-        """Keep who was made for each row, also when he leaves: a restore that brings him back has only his state to load."""
+        """Keep the member of each row, also after it is removed, so that a restore that brings it back only has to load its state."""
         likes = [born.like for born in self._born]
         same = self._same_rows(self._born)
         if same < len(likes):
@@ -232,23 +231,23 @@ class ScenarioPopulation(Population):
             self._made[member.vehicle.row] = member
 
     def _same_rows(self, born: Sequence[Born]) -> int:
-        """How many rows, from the first on, are made of what `_made` was made for: thrusters have their rows behind those of all before."""
+        """Return how many of the first rows are built like those in `_made`. The rows of a body's thrusters depend on all bodies before it."""
         pairs = enumerate(zip(born, self._likes, strict=False))
         return next((row for row, (new, like) in pairs if new.like != like), min(len(born), len(self._likes)))
 
     def _needs_scene(self, born: Sequence[Born]) -> bool:
-        """Whether anything solid was spawned: what was there at the start alone touches nothing, or has its scene."""
+        """Return whether anything solid was spawned. Bodies that were there at the start have their scene already, if they need one."""
         vehicles = self._resolved.vehicles
         spawned = [each.like for each in born[self._first_spawned :]]
         return any(like not in vehicles or vehicles[like].solid is not None for like in spawned)
 
     def _free_row(self, like: str) -> int | None:
-        """The first whose body was spawned like this one and removed: its rows in all tables fit. Rows of the start stay those of the start."""
+        """Return the first row of a removed body that was spawned like this one, as its rows in all tables fit. Rows of the start stay reserved."""
         rows = range(self._first_spawned, len(self._born))
         return next((row for row in rows if self._born[row] == Born(like, self._born[row].name, False)), None)
 
     def _member(self, like: str, name: str, row: int | None = None) -> Member:
-        """A body with its components, at rest at the origin: in the rows of one that was removed, or else in new ones."""
+        """Return a body with its components, at rest at the origin, in the row of a removed body or in a new one."""
         hydro = self._world.hydro
         if row is None:
             row = hydro.add(self._params[like])
@@ -257,7 +256,7 @@ class ScenarioPopulation(Population):
         return self._build(like, name, row)
 
     def _build(self, like: str, name: str, row: int) -> Member:
-        """The components of a body whose rows are there."""
+        """Return the components of a body whose rows exist."""
         if like in self._resolved.vehicles:
             vehicle = self._resolved.vehicles[like]
             make = external_member if vehicle.entry.is_external else vehicle_member
@@ -269,7 +268,7 @@ class ScenarioPopulation(Population):
         return member
 
     def _try_out(self, like: str) -> tuple[str, ...]:
-        """What the parts of a body are called of which none was ever here: from one that is made and forgotten."""
+        """Return the names of the parts of a body that was never in the world. One is built for this and discarded."""
         undo = self._world.hydro.arrays()
         self._member(like, like)
         self._world.hydro.go_back(undo)
@@ -279,11 +278,11 @@ class ScenarioPopulation(Population):
         state = self._world.hydro.state[member.vehicle.row]
         state[P : P + 3], state[Q : Q + 4] = p_NB, q_NB
         for part in member.others:
-            if isinstance(part, External):  # which stands where its source says
+            if isinstance(part, External):  # its source decides where it is
                 part.settle(self._world.t_ns)
 
     def _obstacle(self, member: Member) -> str:
-        """What the member is deep inside of; "" for nothing."""
+        """Return the thing that the member is deep inside of; "" for nothing."""
         world, row = self._world, member.vehicle.row
         if member.solid is None or member.led:
             return ""
@@ -311,13 +310,15 @@ class ScenarioPopulation(Population):
             self.remove(str(args["name"]))
             return None
 
-        name = Argument("name", "str", "the first level of its paths")
+        name = Argument("name", "str", "name of the body, which is the first level of its paths")
         alike = "a vehicle or object of the scenario, whether or not it is in the world now"
         like = Argument("like", "str", alike, choices=kinds)
         p_NB = Argument("p_NB", "float", "position of its origin in N", "m", shape=(3,), minimum=-1e6, maximum=1e6)
         turned = "attitude, w x y z; normalised"
         q_NB = Argument("q_NB", "float", turned, "1", shape=(4,), required=False, default=list(IDENTITY))
         if kinds:
-            add = "Add a body with its components, built like one of the scenario. In real time its tick is late by some ms."
+            add = (
+                "Add a body with its components, built like one of the scenario. In real time its tick is some ms late."
+            )
             self._world.offer(Service("world/spawn", add, (name, like, p_NB, q_NB)), spawn)
         self._world.offer(Service("world/remove", "Remove a body and its components from the world.", (name,)), remove)

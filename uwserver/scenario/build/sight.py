@@ -1,4 +1,4 @@
-"""What cameras see of a scenario's world: things with the colours that viewers know, lamps as their actuators have them, and its light."""
+"""What cameras see of a scenario's world: things in the colours that viewers show too, lamps at their present level, and the light."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from uwserver.physics.geometry.shapes import HalfSpace
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.solids.palette import CLEAN, OBJECT, SEABED, STRUCTURE, VEHICLE, Colour, colour_of
 from uwserver.sensors import Pose
-from uwserver.sensors.sight import Sight
+from uwserver.sensors.others import Sight
 from uwserver.units import rad
 from uwserver.world.members import Member
 from uwserver.world.world import World
@@ -29,7 +29,7 @@ _SEABED_NAME = "seabed"
 
 
 def give_sight(world: World, resolved: Resolved) -> Watch | None:
-    """Let cameras of a world see what its scenario has; None where no sensor needs it, so that nothing is loaded for it."""
+    """Let the cameras of a world see what its scenario has. Returns None, and loads nothing, if no sensor needs it."""
     if not any(config.traits().needs_sight for config in resolved.sensors):
         return None
     from uwserver.sensors.optical.camera.visible import Watch
@@ -43,23 +43,23 @@ def give_sight(world: World, resolved: Resolved) -> Watch | None:
 
 
 def look_around(watch: Watch | None) -> None:
-    """Make what cameras look at before a tick has to wait for it, and say what cannot be shown."""
+    """Prepare what cameras see, so that no tick waits for it, and log what cannot be shown."""
     for fault in [] if watch is None else watch.faults():
-        log.warning("cameras show it plain: %s", fault)
+        log.warning("cameras show this without its own looks: %s", fault)
 
 
 class _Scenery:
-    """Tells what stands and swims in a world."""
+    """Lists the things and the lamps of a world."""
 
     def __init__(self, world: World, resolved: Resolved) -> None:
         self._world, self._resolved = world, resolved
 
     def who(self) -> tuple[tuple[str, int], ...]:
-        """The bodies in the world, with their rows."""
+        """Return the names and rows of the bodies in the world."""
         return tuple((name, member.vehicle.row) for name, member in self._world.members.items())
 
     def things(self) -> Iterator[Seen]:
-        """Seabed, structures, and bodies."""
+        """Yield seabed, structures, and bodies."""
         from uwserver.sensors.optical.camera.faces import GROWTH, PLAIN
         from uwserver.sensors.optical.camera.faces import SEABED as SAND
         from uwserver.sensors.optical.camera.visible import Seen
@@ -83,14 +83,14 @@ class _Scenery:
                 yield Seen(name, body.solid, self._paint(OBJECT, PLAIN), body.looks, row)
 
     def _present(self) -> Iterator[tuple[str, Member, str]]:
-        """Who is in the world, and like whom of the scenario: one that was dismissed is not."""
+        """Yield name and member of each body in the world, and the name of the body of the scenario that it is built like."""
         likes = self._world.population.likes()
         for name, member in self._world.members.items():
             if name in likes:
                 yield name, member, likes[name]
 
     def _paint(self, otherwise: Colour, pattern: int) -> Paint:
-        """By material; `otherwise` and `pattern` for one that nobody names."""
+        """Return the paint of each material. `otherwise` and `pattern` are for materials without an entry of their own."""
         from uwserver.sensors.optical.camera.faces import PLAIN, TILES, Paint
 
         names = self._resolved.materials
@@ -99,7 +99,7 @@ class _Scenery:
         return Paint((*(colour_of(name, otherwise) for name in names), otherwise), (*patterns, pattern))
 
     def lamps(self) -> tuple[LampAt, ...]:
-        """All lamps that shine."""
+        """Return all lamps that shine."""
         from uwserver.sensors.optical.camera.lamps import LampAt
 
         found = []

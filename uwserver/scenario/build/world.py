@@ -1,4 +1,4 @@
-"""From a resolved scenario to a World: with `members` the only place that brings concrete classes together."""
+"""Builds a World from a resolved scenario. Only this module and `members` bring the concrete classes together."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import cache, partial
 from uwserver.environment.earth import NO_FIELD, Earth
 from uwserver.environment.materials import lambert, sediments
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.scenario.build.kernels import kernels_of
+from uwserver.physics.dynamics.appendage_params import Appendages
 from uwserver.scenario.build.members import build_scene, physics_rate, stream_of
 from uwserver.scenario.build.modems import add_medium
 from uwserver.scenario.build.population import ScenarioPopulation
@@ -15,6 +15,7 @@ from uwserver.scenario.build.sight import give_sight, look_around
 from uwserver.scenario.load.export import identity
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.solids.tables import FlatSeabed
+from uwserver.scenario.vehicle.body import params_by_name
 from uwserver.scenario.water.sea import water_of
 from uwserver.scenario.world.epoch import instant, nanoseconds, year_of
 from uwserver.scenario.world.magnetic import magnetic_about
@@ -27,12 +28,12 @@ from uwserver.world.world import World
 
 
 def build(resolved: Resolved, seed: int | None = None, like: World | None = None) -> World:
-    """A world at t = 0. What must be compiled for it is compiled first, which standard error tells.
+    """Return a world at t = 0. Missing kernels are compiled first, with a message on standard error.
 
     Args:
         resolved: a loaded and checked scenario.
-        seed: instead of the scenario's.
-        like: another world of it, which is stepped in the same thread: nothing is left to compile, and what both only read is there once.
+        seed: replaces the seed of the scenario.
+        like: another world of this scenario, stepped in the same thread. Nothing has to be compiled then, and the worlds share read-only data.
     """
     scenario = resolved.scenario
     rate = physics_rate(scenario.world.rate_hz)
@@ -70,7 +71,7 @@ def build(resolved: Resolved, seed: int | None = None, like: World | None = None
 
 
 def _earth(resolved: Resolved) -> Earth:
-    """Where N lies. The magnetic field costs a moment, and is computed where a sensor needs it."""
+    """Return where N lies on the Earth. The magnetic field takes a moment, and is computed only if a sensor needs it."""
     table = resolved.scenario.world
     epoch = instant(table.epoch_utc)
     if table.origin is None:
@@ -79,3 +80,29 @@ def _earth(resolved: Resolved) -> Earth:
     needs_field = any(config.traits().needs_field for config in resolved.sensors)
     field = magnetic_about(latitude, longitude, year_of(epoch)) if needs_field else NO_FIELD
     return Earth(latitude, longitude, nanoseconds(epoch), field, table.rotating)
+
+
+def kernels_of(resolved: Resolved, sea: bool) -> frozenset[str]:
+    """Return the stages of `world.builds` whose kernels the worlds of a scenario need.
+
+    Args:
+        resolved: the scenario.
+        sea: its water has more than a uniform, steady current.
+    """
+    vehicles, environment = resolved.vehicles.values(), resolved.scenario.environment
+    simulated = {each.name: (each.vehicle, each.devices) for each in vehicles if not each.entry.is_external}
+    params = list(params_by_name(simulated, environment).values())
+    params += [body.params for body in resolved.objects.values()]
+    fins = any(body.appendages != Appendages() for body in params)
+    needs = {"fins" if fins else "free"}
+    if resolved.is_solid:
+        needs |= {"solids", "contact"} | ({"fins in contact"} if fins else set())
+    if sea:
+        needs.add("sea")
+    for config in resolved.sensors:
+        needs.update(config.traits().stages)
+    if vehicles:
+        needs.add("sensors")
+    if any(vehicle.entry.autopilot is not None for vehicle in vehicles):
+        needs.add("autopilots")
+    return frozenset(needs)

@@ -1,1 +1,1 @@
-"""What a world looks like, worked out of its scenario: the scene description that viewers and recordings read."""
+"""The scene description that viewers and recordings read, made from a scenario."""

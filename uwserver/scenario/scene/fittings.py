@@ -1,30 +1,33 @@
-"""Actuators and lamps of a vehicle as a viewer gets them: where they sit, what they do, and which port commands them."""
+"""The fittings of a vehicle as viewers get them: actuators, lamps, sensors, and the beacons that sensors interrogate."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 
-from msgspec import UnsetType, structs
+from msgspec import UNSET, UnsetType, structs
 
+from uwserver.modifiers import Bias, GaussMarkov, WhiteNoise
 from uwserver.physics.dynamics.params import BodyParams
-from uwserver.ports import ActuatorView, LampView
+from uwserver.ports import ActuatorView, BeaconView, LampView, SensorView
+from uwserver.scenario.build.members import mount_of
 from uwserver.scenario.load.resolved import ResolvedVehicle
 from uwserver.scenario.scene.shapes import unit
 from uwserver.scenario.vehicle.appendage_tables import Fin
 from uwserver.scenario.vehicle.tables import VehicleFile
-from uwserver.sensors import Pose
+from uwserver.sensors import Pose, SensorTable
+from uwserver.sensors.traits import Sigma
 from uwserver.units import rad
 from uwserver.world.lookout import full_thrust
 
 
 def actuator_views(name: str, resolved: ResolvedVehicle, params: BodyParams) -> tuple[ActuatorView, ...]:
-    """In the order of the kernel's rows, which is that of `SceneState.achieved`: thrusters, fins, propellers, ballasts, moving masses.
+    """Return all actuators in the order of the kernel's rows and of `SceneState.achieved`: thrusters, fins, propellers, ballasts, moving masses.
 
     Args:
-        name: of the body, for the paths of its ports.
-        resolved: its vehicle.
-        params: its rows' parameters.
+        name: name of the body, for the paths of its ports.
+        resolved: the vehicle.
+        params: parameters of its rows.
     """
     file = resolved.vehicle
     ports = dict(commanded(name, file))
@@ -36,7 +39,7 @@ def actuator_views(name: str, resolved: ResolvedVehicle, params: BodyParams) -> 
 
 
 def lamp_views(file: VehicleFile) -> tuple[LampView, ...]:
-    """All lamps of a vehicle."""
+    """Return all lamps of a vehicle."""
     views = []
     for name, lamp in file.lamps.items():
         mount = file.mounts[lamp.mount]
@@ -46,11 +49,11 @@ def lamp_views(file: VehicleFile) -> tuple[LampView, ...]:
 
 
 Place = tuple[str | None, int | None]
-"""An actuator port, and which element of its vector."""
+"""An actuator port, and an element of its vector."""
 
 
 def commanded(name: str, file: VehicleFile) -> Iterator[tuple[str, Place]]:
-    """What each actuator port of a vehicle commands: ("thrusters.fore", (path, index)); index 0 of a vector of one, None of a number."""
+    """Yield what each actuator port of a vehicle commands: ("thrusters.fore", (path, index)). The index is None if the field is a number."""
     for key, config in file.actuators.items():
         path = f"{name}/{key}"
         devices = config.devices()
@@ -78,7 +81,7 @@ def _fins(file: VehicleFile) -> Iterator[tuple[str, ActuatorView]]:
 
 
 def _span(fin: Fin) -> float:
-    """Of a fin whose file gives only derivatives: that of a small one."""
+    """Return the span of a fin. If the file gives only derivatives, it is that of a small fin."""
     if not isinstance(fin.span_m, UnsetType):
         return fin.span_m
     area = fin.area_m2 or _SMALL_FIN_M2
@@ -113,3 +116,41 @@ def _others(file: VehicleFile) -> Iterator[tuple[str, ActuatorView]]:
                 unit="m",
             ),
         )
+
+
+def sensor_views(name: str, file: VehicleFile) -> tuple[SensorView, ...]:
+    """Return all sensors of a vehicle, which has this name in the world."""
+    views = []
+    for key, config in file.sensors.items():
+        traits, mount = config.traits(), mount_of(config, file)
+        path, kind = config.port_of(name, key), str(config.__struct_config__.tag)
+        exact, message = sigmas(config) or UNSET, config.message or UNSET
+        views.append(SensorView(path, kind, mount.p, mount.q, traits.beams, traits.fan, exact, traits.address, message))
+    return tuple(views)
+
+
+def beacon_views(name: str, file: VehicleFile) -> Iterator[BeaconView]:
+    """Yield the beacons that the sensors of a vehicle interrogate, at their assumed positions at t = 0."""
+    for key, config in file.sensors.items():
+        for beacon in config.traits().beacons:
+            yield BeaconView(beacon.name, f"{name}/{key}", beacon.p, beacon.body, delay=beacon.delay)
+
+
+def sigmas(config: SensorTable) -> dict[str, Sigma]:
+    """Return field -> 1-sigma of a sample in the field's unit: one number for each axis, or one for all components.
+
+    White noise, slowly changing biases, and biases drawn once a run are added in variance. Scale errors, drifts without limit and modifiers of other
+    kinds are left out. Fields without configured errors have no entry, and a sensor that is `ideal` has only those of its modifiers.
+    """
+    variances: dict[str, Sigma] = {}
+    if not getattr(config, "ideal", False):
+        for field, sigma in config.traits().sigmas.items():
+            variances[field] = tuple(part * part for part in sigma)
+    for modifier in config.modifiers.values():
+        if isinstance(modifier, WhiteNoise | GaussMarkov | Bias):
+            variance = modifier.sigma**2
+            if isinstance(modifier, WhiteNoise):
+                variance += modifier.density**2 * config.rate_hz
+            before = variances.get(modifier.field, (0.0,))
+            variances[modifier.field] = tuple(part + variance for part in before)
+    return {field: tuple(map(math.sqrt, parts)) for field, parts in variances.items() if any(parts)}

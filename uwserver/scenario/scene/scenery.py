@@ -1,4 +1,4 @@
-"""What a world looks like: one description for viewers, recordings and whoever else draws it."""
+"""The scene description of a world, for viewers, recordings and everything else that draws it."""
 
 from __future__ import annotations
 
@@ -37,8 +37,7 @@ from uwserver.ports import (
     WaveView,
 )
 from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
-from uwserver.scenario.scene.fittings import actuator_views, lamp_views
-from uwserver.scenario.scene.senses import beacon_views, sensor_views
+from uwserver.scenario.scene.fittings import actuator_views, beacon_views, lamp_views, sensor_views
 from uwserver.scenario.scene.shapes import Meshes, displaced_shapes, shape_views
 from uwserver.scenario.solids.palette import OBJECT, SEABED, STRUCTURE, VEHICLE
 from uwserver.scenario.vehicle.body import body_params
@@ -47,14 +46,14 @@ from uwserver.units import rad
 from uwserver.world.world import World
 
 SCHEMA = 1
-"""Version of the description's form."""
+"""Version of the format of the description."""
 SEABED_NAME = "seabed"
 _FLAT_K = 1e-9
-"""Wave number (rad/m) below which a component is the tide."""
+"""Wave number (rad/m) below which a component is the tide and no wave."""
 
 
 class Shown(Protocol):
-    """What a scene says of a world."""
+    """What a scene needs to know of a world."""
 
     @property
     def rate_hz(self) -> Fraction:
@@ -66,24 +65,24 @@ class Shown(Protocol):
 
 
 class Scenery:
-    """Describes a world from its scenario, when somebody asks; nothing is worked out before. Loop thread.
+    """Describes a world from its scenario. Nothing is computed before somebody asks. It belongs to the loop thread.
 
     Attributes:
-        meshes: triangles of what was described.
-        looks: files of looks, by hash.
+        meshes: triangles of the things that were described.
+        looks: glTF files, by hash.
     """
 
     def __init__(self, resolved: Resolved, world: World | Shown, water: Callable[[], WaterView] | None = None) -> None:
-        """Of a world of this scenario. What is read of it does not change in a run, but for its current.
+        """Prepare the description of a world. Apart from the current, nothing that it reads changes during a run.
 
         Args:
             resolved: the scenario.
-            world: that was built of it, or what is known of one that is not there.
-            water: tells its sea as it is now, where there is no world.
+            world: the world that was built of it, or what is known of a world that is not there.
+            water: returns the present sea, if there is no world.
         """
         if water is None:
             if not isinstance(world, World):
-                raise TypeError("without a world its water must be given")
+                raise TypeError("without a world, water must be given")
             water = partial(water_view, resolved, world)
         self._resolved, self._world, self._water = resolved, world, water
         self.meshes = Meshes()
@@ -93,7 +92,7 @@ class Scenery:
         self._solids: tuple[SolidView | None, tuple[SolidView, ...]] | None = None
 
     def scene(self, cast: Cast) -> SceneView:
-        """The world with these bodies in it."""
+        """Return the description of the world with these bodies."""
         newest = self._newest
         if newest is not None and newest.revision == cast.revision:
             return newest
@@ -120,7 +119,7 @@ class Scenery:
         return self._newest
 
     def _static(self) -> tuple[SolidView | None, tuple[SolidView, ...]]:
-        """Seabed and structures; worked out once."""
+        """Return seabed and structures; computed once."""
         if self._solids is None:
             resolved, seabed, structures = self._resolved, None, []
             for name, solid in resolved.static.items():
@@ -140,7 +139,7 @@ class Scenery:
     def _vehicle(self, body: Present) -> BodyView:
         resolved = self._resolved.vehicles[body.like]
         file = resolved.vehicle
-        params = self._params.get(id(file))  # one for all that are alike
+        params = self._params.get(id(file))  # shared by all that are alike
         if params is None:
             params = body_params(file, resolved.devices, self._resolved.scenario.environment)
             self._params[id(file)] = params
@@ -150,7 +149,7 @@ class Scenery:
         else:
             shapes = shape_views(solid, self._resolved.materials, VEHICLE, self.meshes)
             names = tuple(file.collision)
-            if len(names) == len(shapes):  # by which a viewer knows a frame from a hull
+            if len(names) == len(shapes):  # names let a viewer tell a frame from a hull
                 shapes = tuple(structs.replace(shape, name=name) for shape, name in zip(shapes, names, strict=True))
         return BodyView(
             name=body.name,
@@ -168,7 +167,7 @@ class Scenery:
         )
 
     def _colour(self, resolved: ResolvedVehicle) -> tuple[float, float, float] | None:
-        """Of an external vehicle its own, or one after the other, so that they are told apart."""
+        """Return the colour of an external vehicle: its own, or one for each, so that a user can tell them apart."""
         if not resolved.entry.is_external:
             return None
         if not isinstance(resolved.entry.colour, UnsetType):
@@ -182,7 +181,7 @@ class Scenery:
         return BodyView(body.name, "object", body.like, shapes, looks=self._looks(resolved.looks))
 
     def _looks(self, data: bytes) -> LooksView | None:
-        """A file of looks, from now on to be had under its hash."""
+        """Keep a glTF file under its hash, and return the view of it."""
         if not data:
             return None
         name = hashlib.sha256(data).hexdigest()
@@ -197,12 +196,12 @@ class Scenery:
 
 
 def water_view(resolved: Resolved, world: World) -> WaterView:
-    """The sea of a world that was built of this scenario, with its current as it is now."""
+    """Return the sea of a world that was built of this scenario, with its present current."""
     return structs.replace(still_water_view(resolved, world.water), waves=_waves(world))
 
 
 def still_water_view(resolved: Resolved, water: Water) -> WaterView:
-    """The same without waves."""
+    """Return the sea without waves."""
     environment = resolved.scenario.environment
     light = WATER_TYPES[environment.water_type]
     flows = [flow_of(current) for current in environment.currents.values()]

@@ -1,4 +1,4 @@
-"""Shapes of the physics as a viewer gets them; triangles go by the hash of their bytes, so that nobody loads any twice."""
+"""Shapes of the physics as viewers get them. Meshes go by the hash of their bytes, so that no viewer loads one twice."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from uwserver.frames import Quat, Vec3, multiply
+from uwserver.frames import Vec3
 from uwserver.physics.geometry.shapes import (
     Box,
     Capsule,
@@ -27,19 +27,19 @@ from uwserver.scenario.solids.palette import Colour, colour_of
 from uwserver.scenario.vehicle.tables import BoxShape, VehicleFile
 
 _MANY = 20_000
-"""Triangles beyond which a mesh has a coarse form."""
+"""A mesh with more triangles also has a coarse form."""
 _CELLS = 32
-"""Of a coarse mesh along its longest edge."""
+"""Number of cells of a coarse mesh along its longest edge."""
 _FINENESS = 3.0
-"""Length over diameter of the capsule that stands for a vehicle without any shape."""
+"""Length over diameter of the capsule that stands for a vehicle without shapes."""
 
 
 class Meshes:
-    """Triangles by hash.
+    """Meshes by the hash of their triangles.
 
     Attributes:
-        data: u32 numbers of vertices and triangles, then f32 vertices, then u32 triangles, little endian.
-        views: what a scene tells of each.
+        data: numbers of vertices and triangles (u32), then vertices (f32), then triangles (u32), little endian.
+        views: the view of each mesh in a scene.
     """
 
     def __init__(self) -> None:
@@ -48,7 +48,7 @@ class Meshes:
         self._known: dict[int, tuple[object, str]] = {}
 
     def add(self, shape: TriangleMesh | ConvexHull) -> str:
-        """Keep the triangles of a shape; returns their hash."""
+        """Keep the triangles of a shape, and return their hash."""
         known = self._known.get(id(shape))
         if known is not None:
             return known[1]
@@ -60,7 +60,7 @@ class Meshes:
         coarse = self._keep(*coarsened(vertices, faces)) if len(faces) > _MANY else None
         low, high = vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
         self.views[name] = MeshView(len(faces), tuple(low), tuple(high), coarse)
-        self._known[id(shape)] = (shape, name)  # held, so that no other gets its id
+        self._known[id(shape)] = (shape, name)  # keeping the shape keeps its id from being used again
         return name
 
     def _keep(self, vertices: FloatArray, faces: IntArray) -> str:
@@ -71,8 +71,9 @@ class Meshes:
 
 
 def coarsened(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
-    """A mesh with far fewer triangles (Rossignac and Borrel, Multi-resolution 3D approximations, 1993): what of it lies in one cell of a lattice
-    becomes one vertex, in the mean place; triangles that are left with fewer than three go.
+    """Return a mesh with far fewer triangles (Rossignac and Borrel, Multi-resolution 3D approximations, 1993).
+
+    All vertices in one cell of a lattice become one vertex at their mean. Triangles with fewer than three different vertices are dropped.
 
     Args:
         vertices, faces: (n, 3) m, and (m, 3) numbers of vertices.
@@ -90,13 +91,13 @@ def coarsened(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArr
 
 
 def packed(vertices: FloatArray, faces: IntArray) -> bytes:
-    """See `Meshes.data`."""
+    """Return a mesh as bytes, see `Meshes.data`."""
     head = struct.pack("<II", len(vertices), len(faces))
     return head + vertices.astype("<f4").tobytes() + faces.astype("<u4").tobytes()
 
 
 def _hull(points: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Triangles of a convex hull, seen counter-clockwise from outside."""
+    """Return the triangles of a convex hull, counter-clockwise as seen from outside."""
     from scipy.spatial import ConvexHull as Quickhull
 
     hull = Quickhull(points)
@@ -108,13 +109,13 @@ def _hull(points: FloatArray) -> tuple[FloatArray, IntArray]:
 
 
 def shape_views(solid: Solid, materials: Sequence[str], otherwise: Colour, meshes: Meshes) -> tuple[ShapeView, ...]:
-    """All shapes of a solid.
+    """Return all shapes of a solid.
 
     Args:
-        solid: in N or B.
-        materials: names by number.
-        otherwise: colour where the material has none.
-        meshes: takes in triangles.
+        solid: the solid, in N or B.
+        materials: names of materials, by number.
+        otherwise: colour of materials that have none.
+        meshes: receives the triangles.
     """
     return tuple(_view(placed, solid.material, materials, otherwise, meshes) for placed in solid.shapes)
 
@@ -138,7 +139,7 @@ def _view(placed: Placed, whole: int, materials: Sequence[str], otherwise: Colou
 
 
 def displaced_shapes(file: VehicleFile, colour: Colour) -> tuple[ShapeView, ...]:
-    """What a vehicle without collision shapes looks like: the shapes of its displaced volume, or a capsule of this volume."""
+    """Return the shapes of a vehicle without collision shapes: those of its displaced volume, or a capsule of this volume."""
     shapes: list[ShapeView] = []
     for name, table in file.buoyancy.shapes.items():
         p = table.center_frd_m
@@ -155,13 +156,7 @@ def displaced_shapes(file: VehicleFile, colour: Colour) -> tuple[ShapeView, ...]
     return (ShapeView("capsule", file.buoyancy.center_frd_m, radius=radius, length=length, colour=colour),)
 
 
-def turned(q: Quat, by: Quat) -> Quat:
-    """An attitude, turned in its own frame."""
-    w, x, y, z = multiply(q, by)
-    return (w, x, y, z)
-
-
 def unit(v: Vec3) -> Vec3:
-    """Of length 1; a vector without length stays."""
+    """Return a vector scaled to length 1; a vector without length stays."""
     length = math.hypot(*v)
     return v if length == 0.0 else (v[0] / length, v[1] / length, v[2] / length)

@@ -1,4 +1,4 @@
-"""Attitude and heading reference system: the fused attitude that such a device outputs, with the errors of its filter."""
+"""Attitude and heading reference system: the attitude that such a device outputs, with the errors of its filter."""
 
 from __future__ import annotations
 
@@ -34,20 +34,20 @@ from uwserver.units import rad
 
 
 class AttitudeConfig(SensorTable, tag="attitude", kw_only=True, frozen=True):
-    """An AHRS or gyrocompass. Its errors are small rotations: of the horizontal plane (roll, pitch) and about the vertical (heading).
+    """An AHRS or gyrocompass. Its errors are small rotations: about the horizontal axes (roll, pitch) and about the vertical (heading).
 
     Attributes:
-        ideal: exact, whatever else is given.
-        north: what the heading refers to: "true", or "magnetic", which is less by the declination (needs `[world] origin_lat_deg`).
+        ideal: exact, whatever the other keys say.
+        north: reference of the heading: "true", or "magnetic", which is less by the declination (needs `[world] origin_lat_deg`).
         tilt_sigma_deg, heading_sigma_deg: standard deviation of slowly changing errors (Gauss-Markov).
         tau_s: their correlation time.
-        heading_turn_on_deg: standard deviation of a constant error of heading, drawn once a run.
+        heading_turn_on_deg: standard deviation of a constant heading error, drawn once a run.
         noise_deg: standard deviation of white noise about each axis.
-        secant_latitude: a gyrocompass finds north from the Earth's rotation: the errors of heading grow by 1 / cos(latitude).
-        told_speed: whether a gyrocompass is told its speed and latitude. One that is not takes the turn of the level as it moves for a part of
-            the Earth's: on a rotating Earth its heading is then wrong by the speed to the north over the Earth's own at that latitude (half a
-            degree at 2 m/s and 60 degrees north).
-        settling_s: from the start of a run until the output is valid.
+        secant_latitude: the device is a gyrocompass. It finds north from the Earth's rotation, so its heading errors grow by 1 / cos(latitude).
+        told_speed: whether a gyrocompass gets its speed and latitude. Without them it takes the turn of the level axes due to its motion for a
+            part of the Earth's rotation. On a rotating Earth its heading error is then the speed to the north divided by the speed of the Earth's
+            surface at that latitude (half a degree at 2 m/s and 60 degrees north).
+        settling_s: time from the start of a run until the output is valid.
     """
 
     message = "Attitude"
@@ -63,7 +63,7 @@ class AttitudeConfig(SensorTable, tag="attitude", kw_only=True, frozen=True):
     settling_s: NonNegative = 0.0
 
     def traits(self) -> Traits:
-        """Its errors about each axis, and whether the place on the Earth counts."""
+        """Declare its errors about each axis, and whether it needs the position on the Earth."""
         noise, is_magnetic = self.noise_deg, self.north == "magnetic"
         tilt = rad(math.hypot(self.tilt_sigma_deg, noise))
         heading = rad(math.hypot(self.heading_sigma_deg, self.heading_turn_on_deg, noise))
@@ -78,8 +78,8 @@ class AttitudeMemory(Memory):
     """Errors of the filter, rad.
 
     Attributes:
-        heading, tilt_x, tilt_y: slowly changing, about down, north and east.
-        turn_on: of the heading, constant in a run.
+        heading, tilt_x, tilt_y: slowly changing errors about down, north and east.
+        turn_on: heading error that is constant during a run.
     """
 
     heading: Number = 0.0
@@ -99,7 +99,7 @@ _RECORD = record(
 
 @compiled
 def _steaming_error(now: Array, v_N: Vec3) -> float:
-    """Of a gyrocompass that is not told its speed (rad): it settles where the level does not turn about its east (Titterton 2004, 13.4)."""
+    """Return the heading error (rad) of a gyrocompass without speed: it settles where the level has no rate about east (Titterton 2004, 13.4)."""
     place = place_of(now)
     across, along = v_N[0] * place.curvature[0], v_N[1] * place.curvature[1]
     return math.atan2(across, place.rate[0] + along)
@@ -107,7 +107,7 @@ def _steaming_error(now: Array, v_N: Vec3) -> float:
 
 @compiled
 def _disturbed(head: Any, row: Any, now: Array, q: Quat) -> Quat:
-    """q_NS turned by small errors about down, north and east."""
+    """Return q_NS turned by small errors about down, north and east."""
     m = row.m
     a, b = normals(head.key, head.number, SAMPLE, 0)
     c, d = normals(head.key, head.number, SAMPLE, 1)
@@ -128,7 +128,7 @@ def _disturbed(head: Any, row: Any, now: Array, q: Quat) -> Quat:
 
 @compiled
 def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
-    """Invalid while it settles."""
+    """Write attitude and heading; invalid while the device settles."""
     q = q_NS(head, now)
     if head.exact == 0:
         q = _disturbed(head, row, now, q)
@@ -164,7 +164,7 @@ class Attitude(BankSensor):
         row["settling"] = c.settling_s
 
     def turn_on_row(self, memory: Any) -> None:
-        """The slow errors stand at once in their stationary distribution."""
+        """Draw the slow errors from their stationary distribution."""
         c, draws = self._config, self.drawn(4)
         memory["heading"] = rad(c.heading_sigma_deg) * draws[0]
         memory["tilt_x"], memory["tilt_y"] = rad(c.tilt_sigma_deg) * draws[1:3]

@@ -1,4 +1,4 @@
-"""GPS receiver: position and velocity while the antenna is above the water, found again some time after it was under."""
+"""GPS receiver: position and velocity while the antenna is above the water. After a dive it needs some time for the first fix."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ class GpsConfig(SensorTable, tag="gps", kw_only=True, frozen=True):
     """A GPS receiver; its mount is the antenna. It needs `[world] origin_lat_deg` and `origin_lon_deg`.
 
     Attributes:
-        ideal: exact, with a fix in the very moment in which the antenna is in the air.
-        horizontal_sigma_m, vertical_sigma_m: standard deviation of the position's slowly changing error, each horizontal axis and height.
-        tau_s: its correlation time.
-        noise_m: standard deviation of white noise of each axis.
-        velocity_sigma_mps: standard deviation of white noise of each axis of the velocity.
-        clearance_m: height over the water that the antenna needs.
-        hot_fix_s: from surfacing to the first fix after a dive.
-        cold_after_s: a dive longer than this needs a cold start; the first fix of a run too.
-        cold_fix_s: how long that takes; 0 begins the run with a fix.
+        ideal: exact, with a fix whenever the antenna is in air.
+        horizontal_sigma_m, vertical_sigma_m: standard deviation of the slowly changing position error, of each horizontal axis and of the height.
+        tau_s: correlation time of that error.
+        noise_m: standard deviation of white noise on each axis.
+        velocity_sigma_mps: standard deviation of white noise on each axis of the velocity.
+        clearance_m: height above the water that the antenna needs.
+        hot_fix_s: time from surfacing to the first fix after a dive.
+        cold_after_s: a dive longer than this needs a cold start, and so does the first fix of a run.
+        cold_fix_s: duration of a cold start; with 0 a run begins with a fix.
         satellites: in view.
     """
 
@@ -63,7 +63,7 @@ class GpsConfig(SensorTable, tag="gps", kw_only=True, frozen=True):
     satellites: Annotated[int, Meta(ge=0, le=64)] = 12
 
     def traits(self) -> Traits:
-        """That the place on the Earth counts."""
+        """Declare that it needs the position on the Earth."""
         return Traits(needs_origin=True)
 
     def build(self, mount: Pose) -> Gps:
@@ -71,16 +71,16 @@ class GpsConfig(SensorTable, tag="gps", kw_only=True, frozen=True):
 
 
 class GpsSettings(Settings, frozen=True):
-    """What a jammer or a canyon takes away."""
+    """Settings with which to simulate a jammer or a canyon."""
 
     satellites: Annotated[int, Meta(ge=0, le=64)]
 
 
 class GpsMemory(Memory):
     """Attributes:
-    error: slowly changing, of the position north, east, down, m.
-    up_since: since when the antenna is in the air, s; `NEVER` under water.
-    lost_at: when the last fix ended, s; `NEVER` before the first."""
+    error: slowly changing position error north, east, down, m.
+    up_since: time since which the antenna is in air, s; `NEVER` under water.
+    lost_at: time at which the last fix ended, s; `NEVER` before the first one."""
 
     error: tuple[_Error, _Error, _Error] = (0.0, 0.0, 0.0)
     up_since: Time = NEVER
@@ -98,7 +98,7 @@ _RECORD = record(
 
 @compiled
 def _start_up(row: Any, up_since: float) -> float:
-    """From surfacing to the first fix, s."""
+    """Return the time from surfacing to the first fix, s."""
     cold = row.m.lost_at == NEVER or up_since - row.m.lost_at > row.cold_after
     return float(row.cold if cold else row.hot)
 
@@ -118,7 +118,7 @@ def _has_fix(row: Any, hears: bool, t: float) -> bool:
 
 @compiled
 def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
-    """Invalid without a fix."""
+    """Write the fix; invalid without one."""
     m, key, number = row.m, head.key, head.number
     decay = math.exp(-head.dt / row.tau)
     grow = math.sqrt(1.0 - decay * decay)
@@ -150,7 +150,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
 
 
 class Gps(BankSensor):
-    """Position fixes; with fewer than four satellites there is none."""
+    """Position fixes. A fix needs four satellites."""
 
     doc = (
         "GPS: position (WGS 84) and velocity of the antenna; no values under water, nor for some time after surfacing."
@@ -186,7 +186,7 @@ class Gps(BankSensor):
         row["satellites"] = self.settings.satellites
 
     def turn_on_row(self, memory: Any) -> None:
-        """The error stands at once in its stationary distribution."""
+        """Draw the error from its stationary distribution."""
         c = self._config
         memory["error"] = self.drawn(3) * (c.horizontal_sigma_m, c.horizontal_sigma_m, c.vertical_sigma_m)
         memory["up_since"] = memory["lost_at"] = NEVER

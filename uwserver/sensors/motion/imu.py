@@ -36,10 +36,10 @@ from uwserver.sensors.motion.triad import (
 
 
 class ImuConfig(SensorTable, tag="imu", kw_only=True, frozen=True):
-    """An IMU. Without the two tables it is exact; a `profile` fills them in.
+    """An IMU. Without the two tables it is exact. A `profile` gives both.
 
     Attributes:
-        ideal: exact, whatever else is given.
+        ideal: exact, whatever the other keys say.
         gyroscope: errors of `w_S`, in rad/s.
         accelerometer: errors of `f_S`, in m/s2.
     """
@@ -50,7 +50,7 @@ class ImuConfig(SensorTable, tag="imu", kw_only=True, frozen=True):
     accelerometer: TriadErrors = TriadErrors()
 
     def traits(self) -> Traits:
-        """Its errors."""
+        """Declare its errors."""
         f, w = self.accelerometer.sigma(self.rate_hz), self.gyroscope.sigma(self.rate_hz)
         return Traits(sigmas={"f_S": f, "w_S": w})
 
@@ -60,7 +60,7 @@ class ImuConfig(SensorTable, tag="imu", kw_only=True, frozen=True):
 
 class ImuMemory(Memory):
     """Attributes:
-    gyroscope, accelerometer: their errors."""
+    gyroscope, accelerometer: the errors of the two triads."""
 
     gyroscope: TriadMemory = TriadMemory()
     accelerometer: TriadMemory = TriadMemory()
@@ -73,7 +73,7 @@ _RECORD = record(
 
 @compiled
 def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
-    """Specific force from the equations of motion, with lever arm and gravity; on a rotating Earth, what that adds to both."""
+    """Write the specific force, from the equations of motion, and the angular rate. Both include the rotation of the Earth, if it turns."""
     f_S, w_S = specific_force(head, now), rotate(q_SB(head), inertial_rate(head, now))
     if head.exact == 0:
         w_S = disturbed(row.gyroscope, row.m.gyroscope, head, 0, w_S)
@@ -84,7 +84,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
 
 
 class Imu(BankSensor):
-    """Always valid."""
+    """An IMU, which is always valid."""
 
     doc = "Inertial measurement unit: specific force (gravity included) and angular rate in the sensor frame."
     needs_rates = True

@@ -1,4 +1,4 @@
-"""Magnetometer: the Earth's field of the World Magnetic Model, and what the vehicle's own iron and currents make of it."""
+"""Magnetometer: the Earth's field of the World Magnetic Model, distorted by the vehicle's own iron and currents."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ class MagnetometerConfig(SensorTable, tag="magnetometer", kw_only=True, frozen=T
     """A three-axis magnetometer. It needs `[world] origin_lat_deg` and `origin_lon_deg`.
 
     Attributes:
-        ideal: the Earth's field alone, whatever else is given.
-        soft_iron: matrix that the field in S is multiplied by.
-        hard_iron_T: field of the vehicle's magnetised parts, in S; one more is drawn with `errors.turn_on`.
-        thruster_field_TpA: field in S per ampere that the thrusters draw together.
-        errors: of the device, in T.
+        ideal: only the Earth's field, whatever the other keys say.
+        soft_iron: matrix by which the field in S is multiplied.
+        hard_iron_T: field of the vehicle's magnetised parts, in S. A further one is drawn with `errors.turn_on`.
+        thruster_field_TpA: field in S per ampere of the current that all thrusters draw.
+        errors: errors of the device, in T.
     """
 
     message = "MagneticField"
@@ -56,7 +56,7 @@ class MagnetometerConfig(SensorTable, tag="magnetometer", kw_only=True, frozen=T
     errors: TriadErrors = TriadErrors()
 
     def traits(self) -> Traits:
-        """Its errors, and that it needs the Earth's field."""
+        """Declare its errors, and that it needs the Earth's field."""
         return Traits(sigmas={"field_S": self.errors.sigma(self.rate_hz)}, needs_origin=True, needs_field=True)
 
     def build(self, mount: Pose) -> Magnetometer:
@@ -65,7 +65,7 @@ class MagnetometerConfig(SensorTable, tag="magnetometer", kw_only=True, frozen=T
 
 class MagnetometerMemory(Memory):
     """Attributes:
-    triad: the errors of the three axes."""
+    triad: errors of the three axes."""
 
     triad: TriadMemory = TriadMemory()
 
@@ -78,7 +78,7 @@ _RECORD = record(
 
 @compiled
 def _distorted(row: Any, head: Any, now: Array, field: Vec3) -> Vec3:
-    """The Earth's field in S with what the vehicle adds to it."""
+    """Return the Earth's field in S with the soft iron, hard iron and thruster fields of the vehicle."""
     s, (x, y, z) = row.soft_iron, field
     hx, hy, hz = row.hard_iron[0], row.hard_iron[1], row.hard_iron[2]
     by = row.by_current
@@ -95,7 +95,7 @@ def _distorted(row: Any, head: Any, now: Array, field: Vec3) -> Vec3:
 
 @compiled
 def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
-    """The field in S."""
+    """Write the field in S."""
     field = rotate(conjugate(q_NS(head, now)), magnetic_field(now, p_NS(head, now)))
     if head.exact == 0:
         field = disturbed(row.triad, row.m.triad, head, 0, _distorted(row, head, now, field))

@@ -1,4 +1,4 @@
-"""Underwater motion capture, as test pools have it: cameras on the walls see markers on the vehicle and report its pose in N."""
+"""Underwater motion capture of a test pool: cameras on the walls see markers on the vehicle and report its pose in N."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class MotionCaptureConfig(SensorTable, tag="motion_capture", kw_only=True, froze
 
 @compiled
 def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
-    """Invalid when the markers are above the surface."""
+    """Write the pose; invalid while the markers are above the surface."""
     p = p_NS(head, now)
     out[0], out[1], out[2] = p
     out[3], out[4], out[5], out[6] = q_NS(head, now)

@@ -1,4 +1,4 @@
-"""Errors of three like axes at right angles, as data sheets of gyroscopes, accelerometers and magnetometers state them."""
+"""Errors of three orthogonal axes, as data sheets of gyroscopes, accelerometers and magnetometers state them."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.table import NonNegative, Positive, Table
 
 HUMP = 0.618
-"""Largest Allan deviation of a first-order Gauss-Markov process over its standard deviation, at 1.89 correlation times (IEEE Std 952)."""
+"""Largest Allan deviation of a first-order Gauss-Markov process, at 1.89 correlation times, over its standard deviation (IEEE Std 952)."""
 
 _Gain = Annotated[float, Meta(ge=-1e3, le=1e3)]
 
 
 class TriadErrors(Table, kw_only=True, frozen=True):
-    """Errors of each axis, in the unit of the field. All zero: none.
+    """Errors of each axis, in the unit of the field. If all are zero, there are none.
 
     Reading = (I + S + M) (truth + b_on + b_GM + b_RW + noise), held to +-`limit`, rounded to `resolution`.
 
     Attributes:
-        noise_density: unit/sqrt(Hz); the Allan deviation of 1 s.
+        noise_density: unit/sqrt(Hz); the Allan deviation at 1 s.
         instability: bias instability, the floor of the Allan deviation: a first-order Gauss-Markov bias of `instability` / 0.618.
-        instability_tau_s: its correlation time.
-        random_walk: of the bias, unit/sqrt(s); it grows without end.
+        instability_tau_s: correlation time of that bias.
+        random_walk: random walk of the bias, unit/sqrt(s). It grows without limit.
         turn_on: standard deviation of a constant bias, drawn once a run.
-        scale: standard deviation of the scale errors, drawn once a run (0.01 is 1 %).
+        scale: standard deviation of the scale errors (0.01 is 1 %), drawn once a run.
         cross_axis: standard deviation of the six off-axis sensitivities, rad, drawn once a run.
         limit: largest reading; 0 for none.
         resolution: smallest step; 0 for none.
@@ -49,17 +49,17 @@ class TriadErrors(Table, kw_only=True, frozen=True):
     resolution: NonNegative = 0.0
 
     def sigma(self, rate_hz: float) -> tuple[float]:
-        """1-sigma of a reading of each axis, of so many a second; without scale errors and the random walk."""
+        """Return 1-sigma of a reading of each axis at a rate, without scale errors and random walk."""
         white = self.noise_density * math.sqrt(rate_hz)
         return (math.hypot(white, self.instability / HUMP, self.turn_on),)
 
 
 class TriadMemory(Struct, frozen=True):
-    """Part of the memory of a sensor with three such axes.
+    """The part of a sensor's memory that a triad has.
 
     Attributes:
-    matrix: I + S + M, row-major.
-    turn_on, instability, walk: the biases of the three axes, in the unit of the field: constant, Gauss-Markov and random walk.
+        matrix: I + S + M, row-major.
+        turn_on, instability, walk: biases of the three axes, in the unit of the field: constant, Gauss-Markov and random walk.
     """
 
     matrix: tuple[_Gain, _Gain, _Gain, _Gain, _Gain, _Gain, _Gain, _Gain, _Gain] = (
@@ -71,13 +71,13 @@ class TriadMemory(Struct, frozen=True):
 
 
 TRIAD = [("white", "f8"), ("wander", "f8"), ("tau", "f8"), ("walk", "f8"), ("limit", "f8"), ("resolution", "f8")]
-"""`TriadErrors` in the record of a sensor: densities, and the standard deviation of the Gauss-Markov bias."""
+"""`TriadErrors` in the record of a sensor. `wander` is the standard deviation of the Gauss-Markov bias."""
 TRIAD_MEMORY = [("matrix", "f8", (9,)), ("turn_on", "f8", (3,)), ("instability", "f8", (3,)), ("walk", "f8", (3,))]
-"""`TriadMemory` there."""
+"""`TriadMemory` in the record of a sensor."""
 TRIAD_DRAWS = 15
-"""Normal numbers that `turn_on` takes."""
+"""How many normal numbers `turn_on` takes."""
 TRIAD_LANES = 6
-"""Lanes of random numbers that `disturbed` takes."""
+"""How many lanes of random numbers `disturbed` takes."""
 
 
 def fill_triad(row: Any, errors: TriadErrors) -> None:
@@ -87,11 +87,11 @@ def fill_triad(row: Any, errors: TriadErrors) -> None:
 
 
 def turn_on(memory: Any, errors: TriadErrors, draws: FloatArray) -> None:
-    """Write the memory at the start of a run into a record.
+    """Draw the constant errors and the first biases of a run, and write them into a record.
 
     Args:
         memory: TRIAD_MEMORY.
-        errors: of the axes.
+        errors: errors of the axes.
         draws: (TRIAD_DRAWS) normal numbers.
     """
     matrix = np.eye(3) + errors.cross_axis * draws[:9].reshape(3, 3)
@@ -109,13 +109,13 @@ def _three(head: Any, lane: int) -> Vec3:
 
 @compiled
 def disturbed(triad: Any, memory: Any, head: Any, lane: int, truth: Vec3) -> Vec3:
-    """A reading with its errors.
+    """Return a reading with errors.
 
     Args:
-        triad, memory: TRIAD, and TRIAD_MEMORY, which goes on.
-        head: of the sensor.
-        lane: of its random numbers, the first of TRIAD_LANES.
-        truth: what an ideal device reads.
+        triad, memory: TRIAD, and TRIAD_MEMORY, which is updated.
+        head: head of the sensor.
+        lane: first of the TRIAD_LANES lanes of random numbers.
+        truth: the reading of an ideal device.
     """
     x, y, z = truth
     x, y, z = x + memory.turn_on[0], y + memory.turn_on[1], z + memory.turn_on[2]
@@ -143,7 +143,7 @@ def disturbed(triad: Any, memory: Any, head: Any, lane: int, truth: Vec3) -> Vec
 
 @compiled
 def _converted(triad: Any, x: float) -> float:
-    """What the converter makes of it."""
+    """Return the value after limit and resolution of the converter."""
     if triad.limit > 0.0:
         x = max(-triad.limit, min(triad.limit, x))
     if triad.resolution > 0.0:

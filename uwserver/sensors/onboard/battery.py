@@ -1,4 +1,4 @@
-"""Battery and its meter: charge, and the voltage that sags under the thrusters' current and so limits their thrust."""
+"""Battery and its meter. The voltage sags under the current of the thrusters, and so limits their thrust."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from uwserver.sensors.base import Pose, SensorTable, Settings
 from uwserver.table import NonNegative, Positive, Probability
 
 MOST_POINTS = 101
-"""Of the curve of a cell."""
+"""Most points of the curve of a cell."""
 _LEAST = 0.2
-"""Part of the open-circuit voltage below which it does not sag: force tables end somewhere above."""
+"""The voltage never sags below this part of the open-circuit voltage. Force tables end above it."""
 
 
 class BatteryConfig(SensorTable, tag="battery", kw_only=True, frozen=True):
-    """A battery that feeds all thrusters whose device file has `[electric]`. Its rate is that at which the voltage follows the load.
+    """A battery that feeds all thrusters whose device file has `[electric]`. The voltage follows the load at the rate of the sensor.
 
     Attributes:
-        ideal: the meter is exact; the battery itself stays as it is.
-        cells: in series.
-        capacity_Ah: of the pack.
-        charge: at the start, part of the capacity.
+        ideal: the meter is exact; the battery itself does not change.
+        cells: number of cells in series.
+        capacity_Ah: capacity of the pack.
+        charge: charge at the start, as a part of the capacity.
         cell_curve_V: open-circuit voltage of a cell, from empty to full in equal steps of charge.
-        resistance_ohm: of pack and cable.
-        hotel_load_W: what everything but the thrusters draws.
+        resistance_ohm: resistance of pack and cable.
+        hotel_load_W: power that everything except the thrusters draws.
         current_accuracy_A: standard deviation of a constant error of the meter, drawn once a run.
         current_sigma_A, voltage_sigma_V: standard deviation of white noise of the meter.
     """
@@ -50,21 +50,21 @@ class BatteryConfig(SensorTable, tag="battery", kw_only=True, frozen=True):
     voltage_sigma_V: NonNegative = 0.0
 
     def build(self, mount: Pose) -> Battery:
-        """The instrument; its mount does not matter."""
+        """Return the sensor; its mount does not matter."""
         return Battery(self)
 
 
 class BatterySettings(Settings, frozen=True):
-    """What a lamp or a sonar that is switched on adds."""
+    """The load of everything except the thrusters, for example after a lamp or a sonar is switched on."""
 
     hotel_load_W: Annotated[float, Meta(ge=0)]
 
 
 class BatteryMemory(Memory):
     """Attributes:
-    charge: what is left, A s.
-    energy: delivered since the start, J.
-    bias: constant error of the current meter, over its standard deviation."""
+    charge: charge that is left, A s.
+    energy: energy delivered since the start, J.
+    bias: constant error of the current meter, in units of its standard deviation."""
 
     charge: Annotated[float, Meta(ge=0)] = 0.0
     energy: Annotated[float, Meta(ge=0)] = 0.0
@@ -82,7 +82,7 @@ _RECORD = record(
 
 @compiled
 def open_circuit(row: Any, charge: float) -> float:
-    """Voltage without load at a charge (part of the capacity), V."""
+    """Return the voltage without load at a charge (part of the capacity), V."""
     x = charge * (row.points - 1)
     k = min(int(x), row.points - 2)
     return float(row.cells * (row.curve[k] + (row.curve[k + 1] - row.curve[k]) * (x - k)))
@@ -90,9 +90,9 @@ def open_circuit(row: Any, charge: float) -> float:
 
 @compiled
 def _loaded(row: Any, conductance: float) -> tuple[float, float]:
-    """Terminal voltage and current: V = E - I R with I = G V + P / V, G the motors' conductance (1/ohm) and P the hotel load.
+    """Return terminal voltage and current: V = E - I R with I = G V + P / V, where G is the motors' conductance (1/ohm) and P the hotel load.
 
-    A hotel load that the battery cannot carry is cut to what it can.
+    A hotel load that is too large for the battery is cut to the largest possible one.
     """
     e, r = open_circuit(row, row.m.charge / row.capacity), row.resistance
     share, load = 1.0 + r * conductance, row.hotel
@@ -106,9 +106,9 @@ def _loaded(row: Any, conductance: float) -> tuple[float, float]:
 
 @compiled
 def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
-    """Always valid; an empty battery reads 0 V."""
+    """Discharge the battery, set the supply of the thrusters, and write the reading. It is always valid; an empty battery has 0 V."""
     m, before = row.m, supply_voltage(head, now)
-    # Thrust follows the voltage, so that motors draw much as a resistance does: with a constant power the two would hunt each other.
+    # Thrust follows the voltage, so motors draw current much as a resistor does. With constant power, voltage and load would oscillate.
     conductance = power(head, now) / (before * before) if before > 0.0 else 0.0
     voltage, current = 0.0, 0.0
     if m.charge > 0.0:
@@ -125,7 +125,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
 
 
 class Battery(BankSensor):
-    """Charge is counted and the supply set at each reading. While the sensor is deactivated both stand still."""
+    """Each reading counts the charge and sets the supply. While the sensor is deactivated, neither changes."""
 
     doc = "Battery: voltage under load, current, power, what is left. It sets the supply voltage of the thrusters, and stops them when it is empty."
     fields = (
@@ -158,11 +158,11 @@ class Battery(BankSensor):
         row["curve"][: len(c.cell_curve_V)] = c.cell_curve_V
 
     def turn_on_row(self, memory: Any) -> None:
-        """The charge at the start."""
+        """Write the charge at the start, and draw the error of the meter."""
         memory["charge"], memory["bias"] = self._config.charge * self._capacity, self.drawn(1)[0]
 
     def valid(self, record: Memory | Settings) -> None:
-        """No more charge than the battery holds."""
+        """Refuse more charge than the battery holds."""
         super().valid(record)
         if isinstance(record, BatteryMemory) and record.charge > self._capacity:
             raise ValueError(f'"charge" is {record.charge:g} A s, the battery holds {self._capacity:g}')

@@ -1,4 +1,4 @@
-"""A vehicle's clock: UTC as the oscillator on board counts it."""
+"""The clock of a vehicle: UTC as counted by an oscillator on board."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from uwserver.table import NonNegative
 
 
 class ClockConfig(SensorTable, tag="clock", kw_only=True, frozen=True):
-    """A clock that was set some time before and drifts.
+    """A clock that was set some time ago and drifts.
 
     Attributes:
-        ideal: exact, whatever else is given.
-        offset_s: at t = 0.
-        offset_sigma_s: standard deviation of one more offset, drawn once a run.
-        drift: seconds gained a second.
-        drift_sigma: standard deviation of more drift, drawn once a run (1e-6 is 1 ppm).
+        ideal: exact, whatever the other keys say.
+        offset_s: offset at t = 0.
+        offset_sigma_s: standard deviation of a further offset, drawn once a run.
+        drift: seconds gained per second.
+        drift_sigma: standard deviation of a further drift (1e-6 is 1 ppm), drawn once a run.
     """
 
     message = "TimeReference"
@@ -36,14 +36,14 @@ class ClockConfig(SensorTable, tag="clock", kw_only=True, frozen=True):
     drift_sigma: NonNegative = 0.0
 
     def build(self, mount: Pose) -> ClockSensor:
-        """The instrument; its mount does not matter."""
+        """Return the sensor; its mount does not matter."""
         return ClockSensor(self)
 
 
 class ClockMemory(Memory):
     """Attributes:
-    offset: by which the clock is ahead at t = 0, s.
-    drift: seconds gained a second."""
+    offset: time by which the clock is ahead at t = 0, s.
+    drift: seconds gained per second."""
 
     offset: Annotated[float, Meta(ge=-1e9, le=1e9)] = 0.0
     drift: Annotated[float, Meta(ge=-1, le=1)] = 0.0
@@ -54,7 +54,7 @@ _RECORD = record([], [("offset", "f8"), ("drift", "f8")])
 
 @compiled
 def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
-    """Always valid."""
+    """Write the time; always valid."""
     error_ns = 0 if head.exact != 0 else rounded_ns(row.m.offset + row.m.drift * t)
     shown = place_of(now).t_ns + error_ns
     out.view(np.int64)[0] = place_of(now).epoch_ns + shown
@@ -62,7 +62,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
 
 
 class ClockSensor(BankSensor):
-    """Time as the vehicle knows it."""
+    """UTC and elapsed time by the vehicle's clock."""
 
     doc = "UTC and running time by the clock of the vehicle."
     fields = (
@@ -77,7 +77,7 @@ class ClockSensor(BankSensor):
         super().__init__(Pose())
 
     def turn_on_row(self, memory: Any) -> None:
-        """Offset (s) and drift."""
+        """Draw offset (s) and drift."""
         c = self._config
         offset, drift = self.drawn(2)
         memory["offset"] = c.offset_s + c.offset_sigma_s * offset

@@ -1,4 +1,4 @@
-"""Contact sensor: what the hull touches, where and how hard."""
+"""Contact sensor: what the hull touches, where, and how hard."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ touched: Any = Elsewhere("uwserver.sensors.instant", "touched")
 
 
 class ContactConfig(SensorTable, tag="contact", kw_only=True, frozen=True):
-    """Reports the contacts of the tick at which it measures; at a rate below that of the physics a short blow can fall between two samples.
+    """A sensor of the contacts of the present tick. If its rate is below that of the physics, it can miss a short blow.
 
     Attributes:
-        points: how many contacts it reports, the strongest first.
-        threshold_Ns: a weaker impulse is not felt.
+        points: number of contacts that it reports, the strongest first.
+        threshold_Ns: smallest impulse that it detects.
     """
 
     message = "Contact"
@@ -42,24 +42,24 @@ class ContactConfig(SensorTable, tag="contact", kw_only=True, frozen=True):
     threshold_Ns: NonNegative = 0.0
 
     def build(self, mount: Pose) -> Contact:
-        """The sensor; its mount does not matter."""
+        """Return the sensor; its mount does not matter."""
         return Contact(self)
 
 
 _RECORD = record(
     [
         ("points", "i8"), ("threshold", "f8"),
-        # Of this reading: how many contacts are told, which, and the square of how strong each is (N2 s2).
+        # Work space of a reading: number of reported contacts, their numbers, and the squares of their impulses (N2 s2).
         ("told", "i8"), ("contact", "i8", (MOST_POINTS,)), ("strength", "f8", (MOST_POINTS,)),
     ]
 )  # fmt: skip
 TOUCHING, COUNT, IMPULSE, BODY, POINTS = 0, 1, 2, 5, 6
-"""Where in a reading each field begins; behind the points come their impulses."""
+"""Where each field begins in a reading. The impulses follow the points."""
 
 
 @compiled
 def _note(row: Any, contact: int, strength: float) -> None:
-    """Have it among those that are told, if it is one of the strongest; the first of equal ones comes first."""
+    """Insert a contact into the reported ones, if it is among the strongest. Among equal ones the earlier comes first."""
     k = row.told
     if k == row.points:
         k -= 1
@@ -75,7 +75,7 @@ def _note(row: Any, contact: int, strength: float) -> None:
 
 @compiled
 def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
-    """Always valid; missing values where there are fewer contacts."""
+    """Write the contacts; always valid. Values are missing if there are fewer contacts than points."""
     body_a, body_b, point, impulse, contacts = touched(now)
     count, x, y, z, row.told = 0, 0.0, 0.0, 0.0, 0
     for k in range(contacts):
@@ -91,7 +91,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     out[:] = MISSING
     out[TOUCHING], whole[COUNT], whole[BODY] = 1.0 if count > 0 else 0.0, count, NO_INT
     x, y, z = rotate(to_B, (x, y, z))
-    out[IMPULSE], out[IMPULSE + 1], out[IMPULSE + 2] = x + 0.0, y + 0.0, z + 0.0  # no zero has a sign
+    out[IMPULSE], out[IMPULSE + 1], out[IMPULSE + 2] = x + 0.0, y + 0.0, z + 0.0  # + 0.0 turns -0.0 into 0.0
     for n in range(row.told):
         k, i, j = row.contact[n], POINTS + 3 * n, POINTS + 3 * (row.points + n)
         is_a = body_a[k] == head.body

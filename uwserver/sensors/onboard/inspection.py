@@ -1,4 +1,4 @@
-"""Tasks of a pilot's training that are done with the camera: look at structures from near by, follow a pipe and mark what is wrong with it."""
+"""Tasks of a pilot's training that need the camera: inspect structures, follow a pipe, and mark findings on it."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from uwserver.frames import Vec3, conjugate, rotate
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.raycast import Geometry
 from uwserver.sensors.onboard.tasks import Extent, Eye, Moment, Points, Task, Verdict
-from uwserver.sensors.place import Outline
+from uwserver.sensors.others import Outline
 from uwserver.table import Name, NonNegative, Positive, Table, Vector3
 from uwserver.units import rad
 
 Metres = Annotated[float, Meta(ge=-1e6, le=1e6)]
 _MOST_METRES = 2000
 _SKIN_M = 0.03
-"""A ray that ends so near to the box around a structure has met it."""
+"""A ray that ends this near to the box around a structure has hit the structure."""
 _LOOKOUT_M = 4.0
-"""So far ahead along the pipe the pilot has to see some of it."""
+"""Length of the pipe ahead of which the pilot has to see some part."""
 _LEAD_M = 3.0
-"""So far ahead of the vehicle the next place of the pipe is shown."""
+"""The goal on the pipe is this far ahead of the vehicle."""
 _SAMPLES = (
     (0.0, 0.0, 0.0), (-0.5, 0.0, 0.0), (0.5, 0.0, 0.0), (0.0, -0.5, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, -0.5), (0.0, 0.0, 0.5),
 )  # fmt: skip
-"""Where in the box around a structure rays are aimed at, in halves of its edges."""
+"""Points of the box around a structure at which rays are aimed, in halves of its edges."""
 
 
 def is_hidden(eye: Vec3, outline: Outline, geometry: Geometry) -> bool:
-    """Whether solid things hide more than half of a structure from a point of N (m)."""
+    """Return whether solid things hide more than half of a structure from a point of N (m)."""
     start = np.array(eye)
     offsets = [rotate(outline.q, [part * half for part, half in zip(s, outline.half, strict=True)]) for s in _SAMPLES]
     ways = np.array(outline.p) + np.array(offsets) - start
@@ -53,12 +53,12 @@ def is_hidden(eye: Vec3, outline: Outline, geometry: Geometry) -> bool:
 
 
 class Inspect(Task, tag="inspect", kw_only=True, frozen=True):
-    """Look at each of some structures, in any order: from a good distance, with the camera on it, and still. Each is worth its part of the points.
+    """Inspect some structures in any order: from a good distance, with the camera on the structure, and still. Each is worth its part of the points.
 
     Attributes:
         structures: names of structures of the scenario.
-        distance_m: of the camera from the middle of one, at least and at most.
-        max_speed_mps, max_turn_degps: over ground, while one looks.
+        distance_m: smallest and largest distance of the camera from the centre of a structure.
+        max_speed_mps, max_turn_degps: largest speed over ground and angular rate during the inspection.
     """
 
     for_s: NonNegative = 3.0
@@ -68,30 +68,32 @@ class Inspect(Task, tag="inspect", kw_only=True, frozen=True):
     max_turn_degps: Positive = 10.0
 
     def __post_init__(self) -> None:
-        """ValueError where nothing could be inspected, or something twice."""
+        """Raise ValueError if the range of distances is empty, or if a structure is named twice."""
         if self.distance_m[0] >= self.distance_m[1]:
-            raise ValueError(f"distance_m: {self.distance_m[0]:g} m at least is not less than {self.distance_m[1]:g} m")
+            raise ValueError(
+                f"distance_m: {self.distance_m[0]:g} m at least is not less than {self.distance_m[1]:g} m at most"
+            )
         twice = next((name for name in self.structures if self.structures.count(name) > 1), None)
         if twice is not None:
-            raise ValueError(f'structures: "{twice}" is there twice')
+            raise ValueError(f'structures: "{twice}" is named twice')
 
     def worth(self) -> tuple[float, ...]:
-        """Of each structure."""
+        """Return the points of each structure."""
         return (self.points / len(self.structures),) * len(self.structures)
 
     def names(self) -> tuple[str, ...]:
-        """Of the structures."""
+        """Return the names of the structures."""
         return self.structures
 
     def judge(self, moment: Moment, done: Sequence[bool], piece: int) -> Verdict:
-        """Met by the structure that is looked at well; else what hinders at the one that is nearest to it."""
+        """Return the structure that is inspected now. Otherwise return what is missing, for the structure that is closest to being inspected."""
         best: tuple[int, float, int, Outline, str] | None = None
         for k, name in enumerate(self.structures):
             outline = moment.outlines.get(name)
             if outline is None or done[k]:
                 continue
             grade, hint = self._graded(moment, outline)
-            away = -1.0 if k == piece else math.dist(moment.eye.p, outline.p)  # one that is looked at stays it
+            away = -1.0 if k == piece else math.dist(moment.eye.p, outline.p)  # prefer the one of the last reading
             if best is None or (-grade, away) < (-best[0], best[1]):
                 best = grade, away, k, outline, hint
         if best is None:
@@ -100,7 +102,7 @@ class Inspect(Task, tag="inspect", kw_only=True, frozen=True):
         return Verdict(k if grade == _MET else -1, outline.p, hint)
 
     def _graded(self, moment: Moment, outline: Outline) -> tuple[int, str]:
-        """How much of what is wanted is there, and what is missing first."""
+        """Return how many conditions are met, and a hint for the first that is not."""
         low, high = self.distance_m
         away = math.dist(moment.eye.p, outline.p)
         if away > high:
@@ -120,12 +122,12 @@ _MET = 5
 
 
 class Finding(Table, kw_only=True, frozen=True):
-    """Something on the way that the pilot has to mark.
+    """Something along the path that the pilot has to mark.
 
     Attributes:
-        position_ned_m: where it is.
-        within_m: how near the camera has to be to mark it.
-        points: what it is worth.
+        position_ned_m: its position.
+        within_m: largest distance of the camera when it is marked.
+        points: points that it is worth.
     """
 
     position_ned_m: Vector3
@@ -134,12 +136,12 @@ class Finding(Table, kw_only=True, frozen=True):
 
 
 class Along(NamedTuple):
-    """The place of a line that is nearest to a point.
+    """The point of a path that is nearest to a given point.
 
     Attributes:
-        s: from its begin along its horizontal projection, m.
-        p: the place, N.
-        aside: horizontal distance from the point, m.
+        s: distance from the start along the horizontal projection of the path, m.
+        p: the point, m in N.
+        aside: horizontal distance from the given point, m.
     """
 
     s: float
@@ -148,12 +150,12 @@ class Along(NamedTuple):
 
 
 class Legs(NamedTuple):
-    """The straight pieces of a way that lead on, as seen from above.
+    """The straight legs of a path, without those that are vertical.
 
     Attributes:
-        start, along: (n, 3) where each begins, and the way to its end, m in N.
-        square: (n,) of its length as seen from above, m^2.
-        before: (n + 1,) such lengths of all before it together, and of all, m.
+        start, along: (n, 3) start of each leg, and the vector to its end, m in N.
+        square: (n,) square of its horizontal length, m^2.
+        before: (n + 1,) horizontal length of all legs before each one, and of the whole path, m.
     """
 
     start: FloatArray
@@ -162,22 +164,22 @@ class Legs(NamedTuple):
     before: FloatArray
 
     def place(self, k: int, part: float) -> Vec3:
-        """On the k-th of them, this part of the way along it."""
+        """Return the point at this part of leg k."""
         north, east, down = (self.start[k] + part * self.along[k]).tolist()
         return north, east, down
 
 
 class Follow(Task, tag="follow", kw_only=True, frozen=True, dict=True):
-    """Follow a pipe or a cable in a corridor about it with the camera on it: each metre is worth its part of the points; and mark findings.
+    """Follow a pipe or a cable inside a corridor around it, with the camera on it, and mark findings. Each metre is worth its part of the points.
 
     Attributes:
-        points: of the whole way; findings are worth their own.
-        path_ned_m: along its axis, in the direction in which it is followed. It must not come near itself again.
-        aside_m: horizontal distance that still counts.
-        height_m: of the vehicle above the axis, at least and at most; negative is below it.
-        max_speed_mps: over ground; who is faster overlooks something.
-        findings: by name: what `set` with `mark` = true has to be called at, while the camera has it in view.
-        wrong_mark_points: what a mark costs where nothing is.
+        points: points of the whole path; findings have their own.
+        path_ned_m: points along its axis, in the direction to follow. The path must not come near itself again.
+        aside_m: largest horizontal distance from the axis.
+        height_m: smallest and largest height of the vehicle above the axis; negative means below it.
+        max_speed_mps: largest speed over ground; a faster pilot would overlook something.
+        findings: by name, the things to mark: the pilot calls `set` with `mark` = true while the camera has one in view.
+        wrong_mark_points: points that a mark without a finding costs.
     """
 
     path_ned_m: Annotated[tuple[tuple[Metres, Metres, Metres], ...], Meta(min_length=2, max_length=1000)]
@@ -188,51 +190,55 @@ class Follow(Task, tag="follow", kw_only=True, frozen=True, dict=True):
     wrong_mark_points: Points = 20.0
 
     def __post_init__(self) -> None:
-        """ValueError where there is no way, or none that can be followed."""
+        """Raise ValueError if the path cannot be followed."""
         if self.for_s > 0.0:
             raise ValueError("metres are followed, not held: remove for_s")
         if self.height_m[0] >= self.height_m[1]:
-            raise ValueError(f"height_m: {self.height_m[0]:g} m at least is not less than {self.height_m[1]:g} m")
+            raise ValueError(
+                f"height_m: {self.height_m[0]:g} m at least is not less than {self.height_m[1]:g} m at most"
+            )
         if not 1.0 <= self.length <= _MOST_METRES:
-            raise ValueError(f"path_ned_m: {self.length:.1f} m long, from above; 1 to {_MOST_METRES} m can be followed")
+            raise ValueError(
+                f"path_ned_m: its horizontal length is {self.length:.1f} m; it has to be 1 to {_MOST_METRES} m"
+            )
 
     @cached_property
     def length(self) -> float:
-        """Of the way as seen from above, m."""
+        """Horizontal length of the path, m."""
         return math.fsum(math.dist(a[:2], b[:2]) for a, b in pairwise(self.path_ned_m))
 
     @cached_property
     def _legs(self) -> Legs:
-        """Of the way, worked out once: a task is judged many times a second."""
+        """The legs of the path. They are computed once, because a task is judged many times a second."""
         path = np.array(self.path_ned_m, dtype=np.float64)
         along = np.diff(path, axis=0)
         square = np.sum(along[:, :2] ** 2, axis=1)
-        on = square > 0.0  # straight down there is no way, as seen from above
+        on = square > 0.0  # a vertical leg has no horizontal length
         return Legs(path[:-1][on], along[on], square[on], np.concatenate([[0.0], np.cumsum(np.sqrt(square[on]))]))
 
     @property
     def metres(self) -> int:
-        """Pieces of the way: of a metre each, the last one of a little more."""
+        """Number of pieces of the path. Each is a metre long; the last is a little longer."""
         return max(1, int(self.length))
 
     def worth(self) -> tuple[float, ...]:
-        """Of each metre, and of each finding."""
+        """Return the points of each metre and of each finding."""
         return (self.points / self.metres,) * self.metres + tuple(f.points for f in self.findings.values())
 
     def names(self) -> tuple[str, ...]:
-        """Of the findings; a metre has none."""
+        """Return the names of the findings; a metre has no name."""
         return ("",) * self.metres + tuple(self.findings)
 
     def is_over(self, done: Sequence[bool]) -> bool:
-        """At the end of the way; what was left out on it costs its points."""
+        """Return whether the last metre is done. Metres that were left out give no points."""
         return done[self.metres - 1]
 
     def part(self, done: Sequence[bool]) -> float:
-        """Of the metres."""
+        """Return the part of the metres that is done."""
         return sum(done[: self.metres]) / self.metres
 
     def judge(self, moment: Moment, done: Sequence[bool], piece: int) -> Verdict:
-        """Met by the metre above which the vehicle is, inside the corridor."""
+        """Return the metre above which the vehicle is, if it is inside the corridor."""
         here = self.nearest(moment.p)
         ahead = self.at(min(here.s + _LEAD_M, self.length))
         fly = (ahead[0], ahead[1], ahead[2] - 0.5 * sum(self.height_m))
@@ -256,11 +262,11 @@ class Follow(Task, tag="follow", kw_only=True, frozen=True, dict=True):
         return Verdict(-1 if done[metre] else metre, fly, "follow it")
 
     def has_marks(self) -> bool:
-        """Where there are findings."""
+        """Return whether there are findings."""
         return bool(self.findings)
 
     def marked(self, moment: Moment, done: Sequence[bool]) -> int:
-        """The finding that is in view and near enough; of more the nearest that is not marked yet, else the nearest."""
+        """Return the nearest finding that is in view and near enough. One that is not marked yet goes before those that are."""
         found = [
             (done[self.metres + k], math.dist(moment.eye.p, finding.position_ned_m), self.metres + k)
             for k, finding in enumerate(self.findings.values())
@@ -270,7 +276,7 @@ class Follow(Task, tag="follow", kw_only=True, frozen=True, dict=True):
         return min(found)[2] if found else -1
 
     def nearest(self, p: Sequence[float]) -> Along:
-        """The place of the way nearest to a point of N, seen from above."""
+        """Return the point of the path that is nearest to a point of N, in the horizontal plane."""
         legs = self._legs
         off = np.array(p[:2]) - legs.start[:, :2]
         part = np.clip(np.sum(off * legs.along[:, :2], axis=1) / legs.square, 0.0, 1.0)
@@ -280,7 +286,7 @@ class Follow(Task, tag="follow", kw_only=True, frozen=True, dict=True):
         return Along(float(s), legs.place(k, float(part[k])), float(aside[k]))
 
     def at(self, s: float) -> Vec3:
-        """The place so far along the way; beyond its end straight on."""
+        """Return the point at a distance s along the path. Beyond the end, the last leg is extended."""
         legs = self._legs
         k = min(max(int(np.searchsorted(legs.before, s)) - 1, 0), len(legs.square) - 1)
         return legs.place(k, float((s - legs.before[k]) / math.sqrt(legs.square[k])))
@@ -294,5 +300,5 @@ class Follow(Task, tag="follow", kw_only=True, frozen=True, dict=True):
 
 
 def looking(p: Vec3, q: Sequence[float], view_deg: float) -> Eye:
-    """The eye at a pose in N, that sees well in a cone of this whole angle about its axis x."""
+    """Return an eye at a pose in N, which sees well in a cone of this full angle about its x axis."""
     return Eye(p, rotate(q, (1.0, 0.0, 0.0)), math.cos(0.5 * rad(view_deg)))

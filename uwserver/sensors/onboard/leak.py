@@ -1,4 +1,4 @@
-"""Leak probe: tells when water stands in the hull. The leak itself is switched on by a service."""
+"""Leak probe: it detects water in the hull. A service switches the leak itself on."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from uwserver.table import NonNegative, Positive
 
 
 class LeakConfig(SensorTable, tag="leak", kw_only=True, frozen=True):
-    """A probe that is wet when `threshold_m3` of water are in the hull. The water that comes in adds no weight.
+    """A probe that is wet when `threshold_m3` of water are in the hull. The water adds no weight to the vehicle.
 
     Attributes:
-        area_m2: of the hole at the start; water enters under the pressure at the mount, A sqrt(2 dp / rho) 0.6.
-        threshold_m3: what makes the probe wet.
+        area_m2: area of the hole at the start. Water enters at 0.6 A sqrt(2 dp / rho), with the gauge pressure dp at the mount.
+        threshold_m3: volume of water that makes the probe wet.
     """
 
     message = "Leak"
@@ -29,25 +29,25 @@ class LeakConfig(SensorTable, tag="leak", kw_only=True, frozen=True):
     threshold_m3: Positive = 1e-6
 
     def build(self, mount: Pose) -> Leak:
-        """The instrument; its mount is the hole."""
+        """Return the sensor; its mount is the position of the hole."""
         return Leak(mount, self)
 
 
 class LeakSettings(Settings, frozen=True):
-    """A fault to inject."""
+    """The leak to inject."""
 
     area_m2: Annotated[float, Meta(ge=0)]
 
 
 class LeakMemory(Memory):
     """Attributes:
-    volume: of the water in the hull, m^3."""
+    volume: volume of the water in the hull, m^3."""
 
     volume: Annotated[float, Meta(ge=0)] = 0.0
 
 
 DISCHARGE = 0.6
-"""Discharge coefficient of a sharp-edged orifice (Torricelli with contraction), as in any textbook of hydraulics."""
+"""Discharge coefficient of a sharp-edged orifice (Torricelli's law with contraction), from textbooks of hydraulics."""
 
 
 _RECORD = record([("area", "f8"), ("threshold", "f8")], [("volume", "f8")])
@@ -55,7 +55,7 @@ _RECORD = record([("area", "f8"), ("threshold", "f8")], [("volume", "f8")])
 
 @compiled
 def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
-    """Always valid; water comes in as long as there is a hole under pressure."""
+    """Let water in while there is a hole under pressure, and write whether the probe is wet; always valid."""
     pressure = gauge_pressure(now, p_NS(head, now), t)
     if row.area > 0.0 and pressure > 0.0:
         row.m.volume += DISCHARGE * row.area * math.sqrt(2.0 * pressure / place_of(now).density) * head.dt
@@ -63,7 +63,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
 
 
 class Leak(BankSensor):
-    """Water counted in its memory, m3."""
+    """A leak probe. Its memory holds the water in the hull."""
 
     doc = "Leak probe in the hull. To make a leak, give `area_m2` to the service `set`; a reset of the world dries the hull."
     fields = (Field("leak", "1", "the probe is wet", type="bool"),)

@@ -19,17 +19,17 @@ from uwserver.sensors.wiring import Wiring
 from uwserver.table import Name, NonNegative
 
 MOST_MEMBERS = 64
-"""Thrusters of which one tells."""
+"""Most thrusters of one sensor."""
 
 
 class RpmConfig(SensorTable, tag="rpm", kw_only=True, frozen=True):
     """Shaft speeds. Each thruster's device file needs `[electric]`.
 
     Attributes:
-        ideal: exact, whatever else is given.
-        members: names of thrusters, in the order of the list.
+        ideal: exact, whatever the other keys say.
+        members: names of thrusters, in the order of the reading.
         sigma_radps: standard deviation of white noise.
-        signed: False for a controller that knows no direction.
+        signed: False for a controller that does not know the direction.
     """
 
     message = "ShaftSpeeds"
@@ -40,11 +40,11 @@ class RpmConfig(SensorTable, tag="rpm", kw_only=True, frozen=True):
     signed: bool = True
 
     def traits(self) -> Traits:
-        """The thrusters that it tells of."""
+        """Declare the thrusters that it measures."""
         return Traits(names=tuple(Named(("members", k), "thrusters", name) for k, name in enumerate(self.members)))
 
     def build(self, mount: Pose) -> Rpm:
-        """The instrument; its mount does not matter."""
+        """Return the sensor; its mount does not matter."""
         return Rpm(self)
 
 
@@ -53,7 +53,7 @@ _RECORD = record([("members", "i8", (MOST_MEMBERS,)), ("signed", "i8"), ("sigma"
 
 @compiled
 def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
-    """Invalid where the speed of one of them is not known."""
+    """Write the shaft speeds; invalid if one of them is not known."""
     for k in range(len(out)):
         speed = shaft_speed(head, now, row.members[k])
         if math.isnan(speed):
@@ -66,7 +66,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
 
 
 class Rpm(BankSensor):
-    """Speeds from the thrust that the shafts give at rest."""
+    """Shaft speeds, computed from the open-water thrust at rest."""
 
     doc = "Shaft speed of thrusters; no value where the device file does not give it."
     bank = Bank(_RECORD, loop(measure))
@@ -80,7 +80,7 @@ class Rpm(BankSensor):
         super().__init__(Pose())
 
     def wire(self, wiring: Wiring) -> None:
-        """Find its thrusters: by their numbers among those of the vehicle, which stay whoever else comes or goes."""
+        """Find the numbers of its thrusters among those of the vehicle. They stay the same when other vehicles are added or removed."""
         self._places = [wiring.place_of(name) for name in self._config.members]
         self.fill(self.rows.rows[self.row])
 
@@ -90,7 +90,7 @@ class Rpm(BankSensor):
         row["signed"], row["sigma"] = c.signed, c.sigma_radps
 
     def sense(self, scope: Scope) -> Measurement | None:
-        """A reading alone, of the thrusters that there are."""
+        """Return a reading outside a world, of the thrusters in the scope."""
         if scope.wiring is not None:
             self.wire(scope.wiring)
         return super().sense(scope)

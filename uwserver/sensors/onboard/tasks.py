@@ -1,4 +1,4 @@
-"""Tasks of a pilot's training that are met at one place: in a box, at a depth, through a gate. And what all tasks have in common."""
+"""The base of all tasks of a pilot's training, and the tasks at one place: inside a box, at a depth, through a gate."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from msgspec import Meta
 
 from uwserver.frames import Vec3
 from uwserver.physics.rays.raycast import Geometry, OpenWater
-from uwserver.sensors.place import Outline
+from uwserver.sensors.others import Outline
 from uwserver.table import NonNegative, Positive, Table, Vector3
 from uwserver.units import rad
 
 Extent = Annotated[float, Meta(gt=0.0, le=1e4)]
-"""Of something, m."""
+"""Length of an edge or a distance, m."""
 Points = Annotated[float, Meta(ge=0, le=1e6)]
-"""That something is worth or costs: bounded, so that sums of them are numbers."""
+"""Points to gain or lose. They are bounded, so that sums stay finite."""
 
 
 class Eye(NamedTuple):
     """The camera through which a pilot looks.
 
     Attributes:
-        p: where it is, m in N.
-        axis: where it looks, a unit vector in N.
-        cosine: of half of the cone in which it sees well.
+        p: position, m in N.
+        axis: viewing direction, a unit vector in N.
+        cosine: cosine of half the angle of the cone in which it sees well.
     """
 
     p: Vec3 = (0.0, 0.0, 0.0)
@@ -34,23 +34,23 @@ class Eye(NamedTuple):
     cosine: float = 0.0
 
     def has_in_view(self, q: Sequence[float]) -> bool:
-        """Whether a point of N (m) is in the cone."""
+        """Return whether a point of N (m) is in the cone."""
         away = math.dist(q, self.p)
         ahead = sum(u * (b - a) for u, a, b in zip(self.axis, self.p, q, strict=True))
         return away == 0.0 or ahead >= self.cosine * away
 
 
 class Moment(NamedTuple):
-    """What a task is judged by: the truth of one instant.
+    """The truth of one instant, by which a task is judged.
 
     Attributes:
-        before: where the vehicle was at the last reading, m in N.
-        p: where it is.
+        before: position of the vehicle at the last reading, m in N.
+        p: present position, m in N.
         eye: the pilot's camera.
-        speed: over ground, m/s.
-        turning: rad/s.
-        geometry: solid things.
-        outlines: of structures by name.
+        speed: speed over ground, m/s.
+        turning: magnitude of the angular rate, rad/s.
+        geometry: the solid things.
+        outlines: outlines of structures, by name.
     """
 
     before: Vec3
@@ -63,12 +63,12 @@ class Moment(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """How a task stands.
+    """The state of a task.
 
     Attributes:
-        piece: number of the piece of it that is met now; -1 for none.
-        goal: where the pilot is to go or to look, m in N.
-        hint: what is to be done, or done otherwise, now.
+        piece: number of the piece of the task that is met now; -1 for none.
+        goal: the place to go to or to look at, m in N.
+        hint: what the pilot should do or change now.
     """
 
     piece: int
@@ -77,12 +77,12 @@ class Verdict(NamedTuple):
 
 
 class Task(Table, tag_field="kind", kw_only=True, frozen=True):
-    """One task of a pilot: of one piece, unless it says more, that is done when it has been met for some time.
+    """A task of a pilot. By default it has one piece. A piece is done when it has been met for some time.
 
     Attributes:
-        points: what it is worth.
-        for_s: how long without a break it has to be met.
-        text: what the pilot is told; default: the task's name.
+        points: points that it is worth.
+        for_s: time for which it has to be met without a break.
+        text: text for the pilot; default: the name of the task.
     """
 
     points: Points = 100.0
@@ -90,31 +90,31 @@ class Task(Table, tag_field="kind", kw_only=True, frozen=True):
     text: Annotated[str, Meta(max_length=200)] = ""
 
     def worth(self) -> tuple[float, ...]:
-        """Points of each piece."""
+        """Return the points of each piece."""
         return (self.points,)
 
     def names(self) -> tuple[str, ...]:
-        """Of each piece; empty where it has none."""
+        """Return the name of each piece; "" for a piece without a name."""
         return ("",)
 
     def judge(self, moment: Moment, done: Sequence[bool], piece: int) -> Verdict:
-        """How it stands; `done` says which pieces are, and `piece` is the one that was met at the last reading, -1 for none."""
+        """Return the state of the task. done: which pieces are done; piece: the one that was met at the last reading, -1 for none."""
         raise NotImplementedError
 
     def is_over(self, done: Sequence[bool]) -> bool:
-        """Whether the next task follows."""
+        """Return whether the next task follows."""
         return all(done)
 
     def part(self, done: Sequence[bool]) -> float:
-        """How much of it is done, 0 to 1."""
+        """Return how much of the task is done, 0 to 1."""
         return sum(done) / len(done)
 
     def has_marks(self) -> bool:
-        """Whether the pilot is to mark something."""
+        """Return whether there is something to mark."""
         return False
 
     def marked(self, moment: Moment, done: Sequence[bool]) -> int:
-        """The piece that is done by a mark here, which may be done already; -1 for none."""
+        """Return the piece that a mark at this moment completes; -1 for none. It may be done already."""
         return -1
 
 
@@ -122,49 +122,49 @@ class Reach(Task, tag="reach", kw_only=True, frozen=True):
     """Be inside a box.
 
     Attributes:
-        position_ned_m: its middle.
-        size_m: whole edges, north, east, down.
+        position_ned_m: its centre.
+        size_m: lengths of its edges north, east and down.
     """
 
     position_ned_m: Vector3 = (0.0, 0.0, 0.0)
     size_m: tuple[Extent, Extent, Extent] = (2.0, 2.0, 2.0)
 
     def judge(self, moment: Moment, done: Sequence[bool], piece: int) -> Verdict:
-        """Met inside."""
+        """Return that it is met inside the box."""
         edges = zip(moment.p, self.position_ned_m, self.size_m, strict=True)
         is_met = all(abs(own - middle) <= 0.5 * size for own, middle, size in edges)
         return Verdict(0 if is_met else -1, self.position_ned_m)
 
 
 class HoldDepth(Task, tag="hold_depth", kw_only=True, frozen=True):
-    """Keep a depth for `for_s`.
+    """Keep a depth for the time `for_s`.
 
     Attributes:
-        depth_m, tolerance_m: to keep, and how far off it may be.
+        depth_m, tolerance_m: the depth to keep, and the largest deviation.
     """
 
     depth_m: float = 0.0
     tolerance_m: Positive = 0.25
 
     def __post_init__(self) -> None:
-        """ValueError where it would be done at once."""
+        """Raise ValueError without a duration: the task would be done at once."""
         if self.for_s == 0.0:
-            raise ValueError("hold_depth needs for_s: for how long the depth is kept")
+            raise ValueError("hold_depth needs for_s: how long the depth has to be kept")
 
     def judge(self, moment: Moment, done: Sequence[bool], piece: int) -> Verdict:
-        """Met near the depth, which is above or below the vehicle."""
+        """Return that it is met near the depth. The goal is straight above or below the vehicle."""
         north, east, down = moment.p
         is_met = abs(down - self.depth_m) <= self.tolerance_m
         return Verdict(0 if is_met else -1, (north, east, self.depth_m))
 
 
 class Gate(Task, tag="gate", kw_only=True, frozen=True):
-    """Go through an opening, the way it points.
+    """Go through an opening, in its direction.
 
     Attributes:
-        position_ned_m: its middle.
-        size_m: the second is its width and the third its height.
-        heading_deg: way through it.
+        position_ned_m: its centre.
+        size_m: the second number is its width, the third its height.
+        heading_deg: direction in which to go through it.
     """
 
     position_ned_m: Vector3 = (0.0, 0.0, 0.0)
@@ -172,12 +172,12 @@ class Gate(Task, tag="gate", kw_only=True, frozen=True):
     heading_deg: float = 0.0
 
     def __post_init__(self) -> None:
-        """ValueError where a gate would have to be passed for some time."""
+        """Raise ValueError for a gate with a duration."""
         if self.for_s > 0.0:
             raise ValueError("a gate is passed at once: remove for_s")
 
     def judge(self, moment: Moment, done: Sequence[bool], piece: int) -> Verdict:
-        """Met at the reading after it was passed in a straight line."""
+        """Return that it is met if the straight line since the last reading passes through the opening."""
         return Verdict(0 if self._is_passed(moment.before, moment.p) else -1, self.position_ned_m)
 
     def _is_passed(self, before: Vec3, p: Vec3) -> bool:

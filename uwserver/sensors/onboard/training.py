@@ -1,4 +1,4 @@
-"""Training: tasks that a pilot carries out one after the other, judged by where the vehicle truly is; with time, collisions and a score."""
+"""Training of pilots: tasks to do one after the other, judged by the true state of the vehicle, with time, collisions and a score."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from uwserver.units import NANOSECONDS
 
 State = Literal["ready", "running", "done", "failed", "off"]
 MOVED_M, STEERED_W = 0.3, 1.0
-"""Time begins when the thrusters draw so much; of a vehicle without such ones when it is so far from where it stood."""
+"""Time begins when the thrusters draw this power. If their power is not known, it begins when the vehicle has moved this far."""
 _APART_NS = NANOSECONDS
-"""A touch so soon after another one is the same collision."""
+"""A touch within this time after another one is the same collision."""
 _NAME = re.compile(r"[\w -]{1,60}")
 _MOST_TASKS = 64
 _MOST_PIECES = 4096
@@ -32,15 +32,15 @@ _MOST_LOST = 1e12
 
 
 class TrainingConfig(SensorTable, tag="training", kw_only=True, frozen=True):
-    """Tasks for a pilot. Time begins when its thrusters push; it is the simulation's. The mount is that of the pilot's camera.
+    """Tasks for a pilot. Simulation time counts, from the first thrust on. The mount is that of the pilot's camera.
 
     Attributes:
-        tasks: by name, in the order of the file.
-        limit_s: time for all of them; then the training has failed.
-        collision_points: what a collision costs.
-        collision_Ns: a weaker touch counts for none; it is felt at the instants of `rate_hz`.
-        points_per_s_left: for time that is left when all is done.
-        view_deg: whole angle of the cone about the camera's axis x in which a pilot sees things well.
+        tasks: the tasks by name, in the order of the file.
+        limit_s: time limit for all tasks; after it the training has failed.
+        collision_points: points that a collision costs.
+        collision_Ns: smallest impulse that counts as a collision. Contacts are checked at `rate_hz`.
+        points_per_s_left: points for each second that is left when all tasks are done.
+        view_deg: full angle of the cone about the camera's x axis in which the pilot sees things well.
     """
 
     tasks: dict[str, Reach | HoldDepth | Gate | Inspect | Follow]
@@ -51,7 +51,7 @@ class TrainingConfig(SensorTable, tag="training", kw_only=True, frozen=True):
     view_deg: Annotated[float, Meta(ge=1, le=170)] = 60.0
 
     def __post_init__(self) -> None:
-        """ValueError without a task, with too many, or with a name that pages cannot show in a list."""
+        """Raise ValueError if there is no task, if there are too many, or if a name would not fit into a list on a page."""
         if not 0 < len(self.tasks) <= _MOST_TASKS:
             raise ValueError(f"a training has 1 to {_MOST_TASKS} tasks, not {len(self.tasks)}")
         pieces = sum(len(task.worth()) for task in self.tasks.values())
@@ -65,7 +65,7 @@ class TrainingConfig(SensorTable, tag="training", kw_only=True, frozen=True):
                 )
 
     def traits(self) -> Traits:
-        """The structures that it asks its pilot to look at."""
+        """Declare the structures that the pilot has to inspect."""
         looked_at = (
             Named(("tasks", name, "structures", k), "structures", structure)
             for name, task in self.tasks.items()
@@ -75,28 +75,28 @@ class TrainingConfig(SensorTable, tag="training", kw_only=True, frozen=True):
         return Traits(names=tuple(looked_at))
 
     def build(self, mount: Pose) -> Training:
-        """The judge, with the pilot's camera on this mount."""
+        """Return the judge, with the pilot's camera on this mount."""
         return Training(self, mount)
 
 
 class TrainingSettings(Settings, frozen=True):
-    """Whether the pilot is judged."""
+    """Whether the training runs."""
 
     running: bool = True
 
 
 class TrainingMemory(Memory):
     """Attributes:
-    place, before: where the vehicle stood at first, and at the last reading; m in N.
+    place, before: position of the vehicle at the first reading and at the last one, m in N.
     seen: there was a reading.
-    begun_ns, ended_ns: of this try; -1 before.
-    step: tasks that are over.
+    begun_ns, ended_ns: time at which this try began and ended; -1 before that.
+    step: number of tasks that are over.
     done: which pieces of all tasks are done.
-    piece: of the present task, which was met at the last reading; -1 for none.
-    since_ns: since when; -1 while none is.
-    collisions, touched_ns: counted, and when the last touch was felt; -1 before.
+    piece: piece of the present task that was met at the last reading; -1 for none.
+    since_ns: time since which it has been met; -1 for none.
+    collisions, touched_ns: number of collisions, and time of the last touch; -1 before it.
     mark: the pilot has marked something since the last reading.
-    lost: points, by wrong marks."""
+    lost: points that wrong marks have cost."""
 
     place: tuple[float, float, float] = (0.0, 0.0, 0.0)
     before: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -114,7 +114,7 @@ class TrainingMemory(Memory):
 
 
 class Training(Sensor):
-    """Judges a pilot by the truth."""
+    """The judge of a pilot, who knows the truth."""
 
     doc = (
         "Tasks for a pilot: which one it is, time, collisions and score. Time begins when its thrusters push. "
@@ -158,15 +158,15 @@ class Training(Sensor):
         super().__init__(TrainingSettings())
 
     def turn_on(self) -> TrainingMemory:
-        """Nothing is done yet."""
+        """Return the memory of a new try."""
         return TrainingMemory(done=(False,) * len(self._worth))
 
     def properties(self) -> dict[str, Json]:
-        """As of `Sensor`; and whether a mark waits to be judged."""
+        """Return the settings, and whether a mark waits to be judged."""
         return {**super().properties(), "mark": self.memory.mark}
 
     def change(self, args: Mapping[str, Json]) -> None:
-        """As of `Sensor`; to run means to begin anew, and a mark is judged at the next reading."""
+        """Change settings. `running` = true begins a new try. A mark is judged at the next reading."""
         super().change({name: value for name, value in args.items() if name != "mark"})
         if args.get("running"):
             self.memory = self.turn_on()
@@ -174,7 +174,7 @@ class Training(Sensor):
             self.memory = structs.replace(self.memory, mark=bool(args["mark"]))
 
     def valid(self, record: Memory | Settings) -> None:
-        """As of `Sensor`; of a memory also that there are so many tasks, and that it has ended when all are done."""
+        """Check a record. A memory must fit the number of tasks and pieces, and have ended if all tasks are done."""
         if isinstance(record, TrainingMemory) and record.step > len(self._tasks):
             raise ValueError(f"{record.step} tasks are done, and there are {len(self._tasks)}")
         if isinstance(record, TrainingMemory) and record.step == len(self._tasks) and record.ended_ns < 0:
@@ -184,7 +184,7 @@ class Training(Sensor):
             raise ValueError(f"piece {record.piece} is met, and its task has {len(self._pieces(record))}")
 
     def sense(self, scope: Scope) -> Measurement:
-        """How it stands; always valid."""
+        """Judge this instant, and report the state; always valid."""
         verdict = self._verdict(scope)
         if self.settings.running:
             step = self.memory.step
@@ -196,11 +196,11 @@ class Training(Sensor):
 
     @property
     def _task(self) -> tuple[str, Task]:
-        """Of the memory; the last one when all are over."""
+        """Text and task of the present step; the last one when all are over."""
         return self._tasks[min(self.memory.step, len(self._tasks) - 1)]
 
     def _pieces(self, memory: TrainingMemory) -> tuple[bool, ...]:
-        """Which pieces of a memory's task are done."""
+        """Return which pieces of the present task of a memory are done."""
         step = min(memory.step, len(self._tasks) - 1)
         return memory.done[self._first[step] : self._first[step + 1]]
 
@@ -241,7 +241,7 @@ class Training(Sensor):
         return new
 
     def _mark(self, new: TrainingMemory, scope: Scope) -> None:
-        """What the pilot marked."""
+        """Judge a mark of the pilot."""
         _, task = self._task
         piece = task.marked(self._moment(scope), self._pieces(new))
         if piece >= 0:
@@ -250,7 +250,7 @@ class Training(Sensor):
             new.lost = min(new.lost + task.wrong_mark_points, _MOST_LOST)
 
     def _advance(self, new: TrainingMemory, verdict: Verdict, now: int) -> None:
-        """What was met long enough is done; the next task follows."""
+        """Finish a piece that was met long enough, and go on to the next task if this one is over."""
         _, task = self._task
         if verdict.piece < 0:
             new.piece, new.since_ns = -1, -1

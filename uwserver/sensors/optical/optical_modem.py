@@ -1,4 +1,4 @@
-"""Optical modem: packets of light over a few tens of metres, in a cone, as far as the water is clear."""
+"""Optical modem: packets of light in a cone, over a few tens of metres in clear water."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from uwserver.sensors.modem import Crossing, Modem, ModemTable, Signal
 from uwserver.units import rad
 
 _SPEED = 2.998e8 / 1.34
-"""Of light in water, m/s."""
+"""Speed of light in water, m/s."""
 _Q_AT_SENSITIVITY = 3.0902
-"""Argument of the normal tail that is 1e-3."""
+"""Argument at which the tail of the normal distribution is 1e-3."""
 
 
 class OpticalModemConfig(ModemTable, tag="optical_modem", kw_only=True, frozen=True):
-    """A modem that shines along the x axis of its mount, and sees along it.
+    """A modem that shines and sees along the x axis of its mount.
 
     Attributes:
-        wavelength_nm: of the light.
-        power_w: optical, within the cone.
-        beam_width_deg: whole angle of the cone, evenly lit.
-        aperture_m2: of the receiver.
-        view_width_deg: whole angle that the receiver sees.
-        sensitivity_w: received power at which one bit of a thousand is wrong.
+        wavelength_nm: wavelength of the light.
+        power_w: optical power within the cone.
+        beam_width_deg: full angle of the cone, which is evenly lit.
+        aperture_m2: area of the receiver.
+        view_width_deg: full angle that the receiver sees.
+        sensitivity_w: received power at which one bit in a thousand is wrong.
     """
 
     message = "OpticalPacket"
@@ -45,7 +45,7 @@ class OpticalModemConfig(ModemTable, tag="optical_modem", kw_only=True, frozen=T
 
 
 class OpticalModem(Modem):
-    """Powers are of what the receiver makes of light, over its noise: squares of light power."""
+    """Powers of signals are electrical powers of the receiver over its noise. They go with the square of the optical power."""
 
     speed = _SPEED
     fading = (0.0, 1.0)
@@ -56,17 +56,17 @@ class OpticalModem(Modem):
         super().__init__(mount, config)
 
     def signal(self, q_NS: Quat) -> Signal:
-        """See `Modem`; `bandwidth` is the cosine of half of the cone."""
+        """See `Modem`. `bandwidth` is the cosine of half the cone's angle."""
         c = self._config
         level = 10.0 * math.log10(c.power_w) + self.settings.gain
         return Signal(c.protocol, 2.998e17 / c.wavelength_nm, self._cone, level, rotate(q_NS, (1.0, 0.0, 0.0)))
 
     def overlap(self, signal: Signal) -> float:
-        """See `Modem`: it sees light of any colour, and no sound."""
+        """See `Modem`. It receives light of any colour, and no sound."""
         return 1.0 if signal.frequency > 1e9 else 0.0
 
     def crossing(self, scope: Scope, signal: Signal, a: Vec3, b: Vec3, q_NS: Quat, gain: float) -> Crossing | None:
-        """See `Modem`; out of the cone, or of what the receiver sees, there is nothing."""
+        """See `Modem`. Nothing arrives outside the cone of the sender or outside the view of the receiver."""
         c = self._config
         distance = max(math.dist(a, b), 0.1)
         way = tuple((q - p) / distance for p, q in zip(a, b, strict=True))
@@ -86,21 +86,21 @@ class OpticalModem(Modem):
         )
 
     def attenuation(self, scope: Scope) -> float:
-        """Of its light in this water, 1/m: straight lines between the colours that are known."""
+        """Return the attenuation of its light in this water, 1/m, interpolated linearly between the known wavelengths."""
         known = sorted(zip(WAVELENGTHS_NM, WATER_TYPES[scope.water.jerlov].attenuation, strict=True))
         w = min(max(self._config.wavelength_nm, known[0][0]), known[-1][0])
         (w0, c0), (w1, c1) = next(pair for pair in pairwise(known) if w <= pair[1][0])
         return c0 + (c1 - c0) * (w - w0) / (w1 - w0)
 
     def notices(self, snr: float) -> bool:
-        """See `Modem`: at a third of the sensitivity."""
+        """See `Modem`. It detects a packet from a third of the sensitivity on."""
         return snr >= (_Q_AT_SENSITIVITY / 3.0) ** 2
 
     def error_rate(self, snr: float, size: int) -> float:
-        """See `Modem`: on and off, told apart by a threshold in the middle."""
+        """See `Modem`. On-off keying with the threshold in the middle."""
         wrong = 0.5 * math.erfc(math.sqrt(0.5 * snr))
         return -math.expm1(8 * max(size, 1) * math.log1p(-wrong))
 
     def jitter(self, snr: float) -> float:
-        """See `Modem`: a tenth of a bit."""
+        """See `Modem`. A tenth of a bit."""
         return 0.1 / self._config.bits_per_s

@@ -1,4 +1,4 @@
-"""Laser or range array: distances along a fan of thin rays, or along given directions."""
+"""Laser scanner or range array: distances along a fan of thin rays."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ from uwserver.units import rad
 
 MOST_BEAMS = 4096
 _LOSSES = MOST_BEAMS
-"""Random numbers from here on say which rays are lost, those before are noise."""
+"""Lanes of random numbers from here on decide which rays are lost; those before are noise."""
 
 
 class RangeArrayConfig(SensorTable, tag="range_array", kw_only=True, frozen=True):
-    """Thin rays in the sensor's xy plane about its x axis, the first to port. They pass what its own vehicle consists of.
+    """Thin rays in the sensor's xy plane about its x axis; the first is to port. They pass through the sensor's own vehicle.
 
     Attributes:
-        ideal: exact, whatever else is given.
+        ideal: exact, whatever the other keys say.
         beams: number of rays.
-        field_of_view_deg: between the first and the last.
-        min_range_m, max_range_m: nothing is seen outside.
+        field_of_view_deg: angle between the first ray and the last.
+        min_range_m, max_range_m: limits of the measured distance.
         sigma_m: standard deviation of white noise.
-        loss_probability: of a single ray.
-        medium: "water" for a laser under water, "any" for one that sees through the surface too.
+        loss_probability: probability that a single ray is lost.
+        medium: "water" for a laser that works only under water, "any" for one that works in air too.
     """
 
     message = "LaserScan"
@@ -56,7 +56,7 @@ class RangeArrayConfig(SensorTable, tag="range_array", kw_only=True, frozen=True
     medium: Literal["water", "any"] = "water"
 
     def traits(self) -> Traits:
-        """Its rays, from the one farthest to port on."""
+        """Declare its rays, the first to port."""
         width, last = rad(self.field_of_view_deg), self.beams - 1
         angles = (-0.5 * width + (width * k / last if last > 0 else 0.5 * width) for k in range(self.beams))
         rays = (BeamView((math.cos(a), math.sin(a), 0.0), 0.0, self.min_range_m, self.max_range_m) for a in angles)
@@ -67,7 +67,7 @@ class RangeArrayConfig(SensorTable, tag="range_array", kw_only=True, frozen=True
 
 
 class RangeSettings(Settings, frozen=True):
-    """How far it looks."""
+    """The range limit."""
 
     max_range_m: Distance
 
@@ -84,7 +84,7 @@ _RECORD = record(
 def aim(
     head: Any, row: Any, now: Array, t: float, origin: Array, direction: Array, count: int
 ) -> tuple[int, float]:  # fmt: skip
-    """The fans; none in air, unless the medium is any."""
+    """Write the rays of the fan. There are none in air, unless the medium is any."""
     p, q = p_NS(head, now), q_NS(head, now)
     if row.anywhere != 0 or submergence(now, p, t) >= 0.0:
         for i in range(row.beams):
@@ -99,7 +99,7 @@ def aim(
 
 @compiled
 def _range(head: Any, row: Any, i: int, distance: float) -> float:
-    """What ray i tells of a distance, m; a missing number where it sees nothing."""
+    """Return the reading of ray i at a distance, m; MISSING if it sees nothing."""
     if not row.low <= distance <= row.high:
         return MISSING
     if head.exact != 0:
@@ -115,7 +115,7 @@ def _range(head: Any, row: Any, i: int, distance: float) -> float:
 def measure(
     head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
 ) -> None:  # fmt: skip
-    """The ranges of its beams."""
+    """Write the ranges of the rays; invalid in air."""
     if end == begin:
         out[:], head.valid = MISSING, 0
         return
@@ -124,7 +124,7 @@ def measure(
 
 
 class RangeArray(BankSensor):
-    """Distances to the first solid thing."""
+    """Distances to the first solid thing on each ray."""
 
     doc = "Distances along thin rays, from port to starboard; no value where a ray hits nothing. Invalid while the sensor is in air."
     bank = Bank(_RECORD, ray_loop(measure), (aim_loop(aim),))
@@ -135,7 +135,9 @@ class RangeArray(BankSensor):
         self._config, self.exact, self.rays = config, config.ideal, config.beams
         self.fields = (Field("ranges", "m", "distance along each ray", "", (config.beams,)),)
         self.arguments = (
-            Argument("max_range_m", "float", "how far it looks", "m", required=False, minimum=0.01, maximum=1e4),
+            Argument(
+                "max_range_m", "float", "limit of the measured distance", "m", required=False, minimum=0.01, maximum=1e4
+            ),
         )
         super().__init__(mount, RangeSettings(config.max_range_m))
 

@@ -1,4 +1,4 @@
-"""CTD: conductivity, temperature and pressure, and the salinity that such an instrument computes from the three."""
+"""CTD: conductivity, temperature and pressure, and the salinity computed from them."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ _DECIBAR = 1e4
 
 
 class CtdConfig(SensorTable, tag="ctd", kw_only=True, frozen=True):
-    """A CTD. Different lags of thermistor and cell give the spikes of salinity that a fast change makes in a real cast.
+    """A CTD. If the lags of thermistor and cell differ, fast changes give spikes of salinity, as in a real cast.
 
     Attributes:
-        ideal: exact and without lag, whatever else is given.
+        ideal: exact and without lag, whatever the other keys say.
         temperature_accuracy_degc, conductivity_accuracy_Spm, pressure_accuracy_Pa: standard deviation of constant errors, drawn once a run.
         temperature_sigma_degc, conductivity_sigma_Spm, pressure_sigma_Pa: standard deviation of white noise.
-        temperature_lag_s, conductivity_lag_s: time constants.
+        temperature_lag_s, conductivity_lag_s: time constants of thermistor and cell.
     """
 
     message = "Ctd"
@@ -54,7 +54,7 @@ class CtdConfig(SensorTable, tag="ctd", kw_only=True, frozen=True):
     conductivity_lag_s: NonNegative = 0.0
 
     def traits(self) -> Traits:
-        """Its errors, constant and white."""
+        """Declare its errors, constant and white."""
         temperature = math.hypot(self.temperature_sigma_degc, self.temperature_accuracy_degc)
         conductivity = math.hypot(self.conductivity_sigma_Spm, self.conductivity_accuracy_Spm)
         pressure = math.hypot(self.pressure_sigma_Pa, self.pressure_accuracy_Pa)
@@ -66,8 +66,8 @@ class CtdConfig(SensorTable, tag="ctd", kw_only=True, frozen=True):
 
 class CtdMemory(Memory):
     """Attributes:
-    wet: it was under water at the last reading.
-    temperature, conductivity: as thermistor (degC) and cell (S/m) had them then.
+    wet: 1 if it was under water at the last reading.
+    temperature, conductivity: values of thermistor (degC) and cell (S/m) at the last reading.
     temperature_offset, conductivity_offset, pressure_offset: constant errors, degC, S/m and Pa."""
 
     wet: Annotated[int, Meta(ge=0, le=1)] = 0
@@ -92,13 +92,13 @@ _RECORD = record(
 
 @compiled
 def _share(dt: float, lag: float) -> float:
-    """How far a first-order lag follows within dt (s)."""
+    """Return the part of a step that a first-order lag follows within dt (s)."""
     return 1.0 if lag == 0.0 else -math.expm1(-dt / lag)
 
 
 @compiled
 def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
-    """Invalid in air."""
+    """Write the properties of the water; invalid in air."""
     m, p = row.m, p_NS(head, now)
     if submergence(now, p, t) < 0.0:
         m.wet, head.valid = 0, 0
@@ -147,7 +147,7 @@ class Ctd(BankSensor):
         row["pressure_sigma"] = c.pressure_sigma_Pa
 
     def turn_on_row(self, memory: Any) -> None:
-        """Constant errors; no water yet."""
+        """Draw the constant errors."""
         c, (t, s, p) = self._config, self.drawn(3).tolist()
         memory["temperature_offset"] = c.temperature_accuracy_degc * t
         memory["conductivity_offset"] = c.conductivity_accuracy_Spm * s

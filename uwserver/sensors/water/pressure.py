@@ -1,4 +1,4 @@
-"""Pressure sensor: absolute pressure, or the depth that an instrument computes from it."""
+"""Pressure sensor: absolute pressure, or the depth that the instrument computes from it."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ _TEMPERATURE = Field("temperature", "degC", "temperature of the surrounding wate
 
 class PressureConfig(SensorTable, tag="pressure", kw_only=True, frozen=True):
     """Attributes:
-    output: "pressure" (Pa, absolute) or "depth" (m, positive down) that the instrument computes from it.
-    assumed_density_kgpm3: the instrument inverts p = p_atm + rho g h with this density; default: the scenario's own relation of pressure and depth.
-    assumed_atmosphere_pa: what the instrument believes; default: the truth of the scenario.
+    output: "pressure" (Pa, absolute), or "depth" (m, positive down), which the instrument computes from it.
+    assumed_density_kgpm3: density with which the instrument inverts p = p_atm + rho g h; default: the true relation of pressure and depth.
+    assumed_atmosphere_pa: atmospheric pressure that the instrument assumes; default: the true one.
     """
 
     message = "FluidPressure"
@@ -49,7 +49,7 @@ _RECORD = record([("depth", "i8"), ("scale", "f8"), ("atmosphere", "f8")])
 
 @compiled
 def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
-    """The pressure, or what the instrument makes of it."""
+    """Write the pressure or the depth, and the temperature."""
     p, place = p_NS(head, now), place_of(now)
     gauge = gauge_pressure(now, p, t)
     out[1] = water_property(now, TEMPERATURE, p[2])
@@ -89,7 +89,7 @@ class Pressure(_Manometer):
 class Depth(_Manometer):
     """Depth as the instrument computes it from the pressure at its mount.
 
-    Above the surface the depth at atmospheric pressure: zero if the instrument knows the atmosphere. Invalid without gravity.
+    Above the surface this is the depth at atmospheric pressure, which is zero if the instrument assumes the true one. Invalid without gravity.
     """
 
     doc = (

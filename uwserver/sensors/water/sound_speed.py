@@ -1,4 +1,4 @@
-"""Sound-velocity sensor: a short acoustic path in the water."""
+"""Sound-velocity sensor, which measures over a short acoustic path in the water."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class SoundSpeedConfig(SensorTable, tag="sound_speed", kw_only=True, frozen=True
     """A sound-velocity sensor.
 
     Attributes:
-        ideal: exact, whatever else is given.
+        ideal: exact, whatever the other keys say.
         accuracy_mps: standard deviation of a constant error, drawn once a run.
         sigma_mps: standard deviation of white noise.
     """
@@ -40,7 +40,7 @@ class SoundSpeedConfig(SensorTable, tag="sound_speed", kw_only=True, frozen=True
     sigma_mps: NonNegative = 0.0
 
     def traits(self) -> Traits:
-        """Its errors, constant and white."""
+        """Declare its errors, constant and white."""
         return Traits(sigmas={"sound_speed": (math.hypot(self.sigma_mps, self.accuracy_mps),)})
 
     def build(self, mount: Pose) -> SoundSpeed:
@@ -59,7 +59,7 @@ _RECORD = record([("sigma", "f8")], [("offset", "f8")])
 
 @compiled
 def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
-    """Invalid in air."""
+    """Write the sound speed; invalid in air."""
     p = p_NS(head, now)
     if submergence(now, p, t) < 0.0:
         out[0], head.valid = MISSING, 0

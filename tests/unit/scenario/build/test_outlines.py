@@ -103,7 +103,7 @@ def test_it_tilts_with_its_mount(tmp_path: Path) -> None:
         ('["bar", "bat"]', "tasks.look.structures[1]", 'no structure "bat" (did you mean "bar"?)'),
         ('["xyz"]', "tasks.look.structures[0]", 'no structure "xyz"; there are: bar, bar_behind'),
         ("[]", "tasks.look.structures", "1"),
-        ('["bar", "bar"]', "tasks.look", '"bar" is there twice'),
+        ('["bar", "bar"]', "tasks.look", '"bar" is named twice'),
         ('["bar"]\nclose_m = 3', "tasks.look", 'unknown key "close_m"'),
     ],
 )

@@ -1,4 +1,5 @@
-"""From a resolved scenario to a world at t = 0: time, water, Earth, solid things, bodies at their places, and faults."""
+"""From a resolved scenario to a world at t = 0: time, water, Earth, solid things, bodies at their places, and faults;
+and the compiled kernels that it needs."""
 
 from __future__ import annotations
 
@@ -7,12 +8,16 @@ from collections.abc import Callable
 
 import pytest
 
-from uwserver.scenario.build.world import build
+from uwserver.adapter import installed_adapters
+from uwserver.scenario.build.world import build, kernels_of
+from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.load.scenario import load
 from uwserver.units import rad
 from uwserver.world.world import World
 
 Built = Callable[..., World]
+ALL = ("sensors", "autopilots")
+"""What any vehicle of these needs."""
 
 
 @pytest.fixture
@@ -172,3 +177,40 @@ def test_a_scenario_without_bodies_is_a_world_too(write, adapters) -> None:
     assert world.step(10) == []
     assert world.ports == {}
     assert "world/spawn" not in world.services
+
+
+@pytest.mark.parametrize(
+    ("scenario", "sea", "needs"),
+    [
+        ("bluerov2_pool", False, {"fins", *ALL}),
+        ("bluerov2_pool", True, {"fins", "sea", *ALL}),
+        (
+            "one_of_everything",
+            True,
+            {
+                "fins",
+                "sea",
+                "solids",
+                "contact",
+                "fins in contact",
+                "echoes",
+                "pictures",
+                "soundings",
+                "sonars",
+                "sound",
+                "cameras",
+                *ALL,
+            },
+        ),
+        ("push_the_crate", False, {"fins", "solids", "contact", "fins in contact", *ALL}),
+    ],
+)
+def test_what_shipped_scenarios_need(scenario: str, sea: bool, needs: set[str]) -> None:
+    assert kernels_of(load(scenario, adapters=installed_adapters()), sea) == needs
+
+
+@pytest.mark.parametrize("kind", ["adcp", "altimeter", "dvl", "range_array"])
+def test_each_kind_that_casts_rays_in_compiled_code_needs_those_of_soundings(kind: str) -> None:
+    """Else its loops would be compiled where the world waits for them."""
+    scenario = ScenarioBuilder("rays").vehicle("rov", "bluerov2_heavy").sensor("rov", "own", kind, rate_hz=1).build()
+    assert kernels_of(load(scenario, adapters={}), False) == {"fins", "soundings", *ALL}

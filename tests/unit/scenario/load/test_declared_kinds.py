@@ -18,7 +18,7 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.scene.senses import sensor_views
+from uwserver.scenario.scene.fittings import sensor_views
 from uwserver.sensors import Pose
 from uwserver.sensors.bank import BankSensor
 from uwserver.world.banks import banks_of_all

@@ -61,8 +61,7 @@ def test_shapes_of_a_vehicle_have_the_names_of_its_file() -> None:
 @pytest.mark.parametrize("name", SHIPPED)
 def test_sensors_and_actuators_are_told_by_their_ports(name: str) -> None:
     resolved = loaded(name)
-    from uwserver.scenario.scene.fittings import actuator_views
-    from uwserver.scenario.scene.senses import sensor_views
+    from uwserver.scenario.scene.fittings import actuator_views, sensor_views
     from uwserver.scenario.vehicle.body import body_params
 
     for vehicle in list(resolved.vehicles.values())[:8]:

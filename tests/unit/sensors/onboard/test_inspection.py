@@ -16,7 +16,7 @@ from uwserver.sensors import Pose, TrainingConfig
 from uwserver.sensors.onboard.inspection import Finding, Follow, Inspect, is_hidden, looking
 from uwserver.sensors.onboard.tasks import Moment
 from uwserver.sensors.onboard.training import Training
-from uwserver.sensors.place import Outline
+from uwserver.sensors.others import Outline
 from uwserver.testing.fake_geometry import FakeGeometry, Sphere
 from uwserver.units import rad
 
@@ -89,7 +89,7 @@ def replace_moment(seen, **more):
     ("keys", "text"),
     [
         ({"structures": ("a",), "distance_m": (2.0, 1.0)}, "2 m at least is not less than 1 m"),
-        ({"structures": ("a", "b", "a")}, '"a" is there twice'),
+        ({"structures": ("a", "b", "a")}, '"a" is named twice'),
     ],
 )
 def test_what_cannot_be_inspected_is_refused(keys, text):
@@ -189,7 +189,7 @@ def test_a_mark_is_for_a_finding_that_has_none_yet():
     [
         ({"height_m": (2.0, 1.0)}, "2 m at least is not less than 1 m"),
         ({"for_s": 1.0}, "followed, not held: remove for_s"),
-        ({"path_ned_m": ((0.0, 0.0, 0.0), (0.0, 0.0, 50.0))}, "0.0 m long, from above; 1 to 2000 m"),
+        ({"path_ned_m": ((0.0, 0.0, 0.0), (0.0, 0.0, 50.0))}, "horizontal length is 0.0 m; it has to be 1 to 2000 m"),
         ({"path_ned_m": ((0.0, 0.0, 0.0), (3000.0, 0.0, 0.0))}, "3000.0 m long"),
     ],
 )

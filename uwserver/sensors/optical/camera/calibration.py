@@ -1,7 +1,7 @@
-"""The calibration of a camera, as its user would find it with a board in the water: in the forms of ROS and OpenCV.
+"""The calibration of a camera, as a user would find it with a board in the water, in the formats of ROS and OpenCV.
 
-A lens alone, or behind a dome about its pupil, is told as it is. Behind a flat port no rays meet in one point; so the lens is fitted that comes
-nearest at a distance, as a calibration finds it: focal length and radial terms by least squares.
+A lens without a port, or behind a dome centred on its pupil, is reported as it is. Behind a flat port the rays do not meet in one point. Then a
+lens is fitted as a calibration does: focal length and radial terms, by least squares, for points at one distance.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from uwserver.sensors.optical.camera.lens import Lens
 from uwserver.sensors.optical.camera.window import outside
 
 DISTANCE_M = 2.0
-"""Of the board."""
+"""Distance of the board."""
 _SAMPLES = 41
 
 
 class Calibration(NamedTuple):
-    """What a calibration gives.
+    """The result of a calibration.
 
     Attributes:
-        lens: the model.
-        error_px: root mean square of what it leaves; 0 where it is exact.
-        baseline: of the right camera of a pair, m; 0 of one alone.
+        lens: the model of the lens.
+        error_px: root mean square of the residuals; 0 if the model is exact.
+        baseline: baseline of the right camera of a pair, m; 0 for any other camera.
     """
 
     lens: Lens
@@ -38,7 +38,7 @@ class Calibration(NamedTuple):
 
 
 def calibration(config: CameraTable, distance: float = DISTANCE_M) -> Calibration:
-    """Of a camera in the water, with a board so far away (m)."""
+    """Return the calibration of a camera in the water, with a board at a distance (m)."""
     lens, window = config.optics(), config.window()
     u, v = (
         grid.ravel()
@@ -53,7 +53,7 @@ def calibration(config: CameraTable, distance: float = DISTANCE_M) -> Calibratio
 
 
 def calibrations(sensors: Mapping[str, SensorTable], distance: float = DISTANCE_M) -> dict[str, Calibration]:
-    """Those of all cameras among some sensors, by name; of a pair also that of ``<name>/right``."""
+    """Return the calibrations of all cameras among some sensors, by name. A pair also has ``<name>/right``."""
     found: dict[str, Calibration] = {}
     for name, config in sensors.items():
         if isinstance(config, CameraTable):
@@ -64,7 +64,7 @@ def calibrations(sensors: Mapping[str, SensorTable], distance: float = DISTANCE_
 
 
 def _fitted(lens: Lens, seen: FloatArray, u: FloatArray, v: FloatArray) -> Calibration:
-    """The lens with the same principal point whose pixels come nearest to those in which points (n, 3) are seen."""
+    """Return the lens with the same principal point that fits best: it maps the points `seen` (n, 3) near to their pixels u and v."""
     across = np.hypot(seen[:, 1], seen[:, 2])
     fisheye = lens.model == "fisheye"
     bend = np.arctan2(across, seen[:, 0]) if fisheye else across / seen[:, 0]
@@ -86,7 +86,7 @@ def _fitted(lens: Lens, seen: FloatArray, u: FloatArray, v: FloatArray) -> Calib
 
 
 def as_ros(name: str, found: Calibration) -> str:
-    """The file that camera_info_manager and image_pipeline read (YAML)."""
+    """Return the file that camera_info_manager and image_pipeline read (YAML)."""
     lens, k = found.lens, matrix(found.lens)
     model = {"fisheye": "equidistant"}.get(lens.model, "plumb_bob")
     distortion = lens.coefficients or (0.0,) * 5
@@ -105,7 +105,7 @@ def as_ros(name: str, found: Calibration) -> str:
 
 
 def as_opencv(found: Calibration) -> str:
-    """The file that cv::FileStorage reads (YAML)."""
+    """Return the file that cv::FileStorage reads (YAML)."""
     lens = found.lens
     distortion = lens.coefficients or (0.0,) * 5
     lines = ["%YAML:1.0", "---", f"image_width: {lens.width}", f"image_height: {lens.height}"]
@@ -125,7 +125,7 @@ def as_opencv(found: Calibration) -> str:
 
 
 def matrix(lens: Lens) -> tuple[float, ...]:
-    """K, row after row."""
+    """Return the camera matrix K, row after row."""
     return (lens.fx, 0.0, lens.cx, 0.0, lens.fy, lens.cy, 0.0, 0.0, 1.0)
 
 

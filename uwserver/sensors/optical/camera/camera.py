@@ -1,4 +1,4 @@
-"""A camera in the world: what it takes along at an exposure, what a worker makes of it, and how its exposure follows the light."""
+"""The camera: what it records at an exposure, how a worker makes a picture of that, and how its exposure follows the light."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
     from uwserver.sensors.optical.camera.picture import Optics
 
 _SETTLING_S = 0.4
-"""Auto-exposure goes to the light with this time constant."""
+"""Time constant of auto-exposure."""
 _DARKEST = 1e-4
-"""Level of a black picture, as a part of full scale."""
+"""Level that a black picture counts as, as a part of full scale."""
 _DAZZLED = 0.97
-"""From this part of full scale on nobody knows how bright it is: it goes down by `_STEP`."""
+"""Above this part of full scale the picture is saturated and its brightness unknown, so the exposure goes down by `_STEP`."""
 _STEP = 0.3
 _SHORTEST_S = 2e-5
 _GREY, _LAMPLIGHT = 0.35, 0.05
-"""Of the guess for the first picture: albedo, and lux of a lamp's lumen 2 m away."""
+"""For the guess of the first picture: albedo, and lux per lumen of a lamp 2 m away."""
 
 
 class CameraConfig(CameraTable, tag="camera", kw_only=True, frozen=True):
@@ -41,13 +41,13 @@ class CameraConfig(CameraTable, tag="camera", kw_only=True, frozen=True):
     message = "Image"
 
     def traits(self) -> Traits:
-        """What its pictures take, and that it needs things to see."""
+        """Declare the size of its pictures, and that it needs things to see."""
         eyes = 1 if isinstance(self.baseline_m, UnsetType) else 2
         each = {"rgb": 3, "mono": 1, "depth": 2, "segmentation": 2}[self.mode]
         return Traits(("cameras",), picture_bytes=eyes * each * self.width * self.height, needs_sight=True)
 
     def companions(self, mount: Pose) -> Mapping[str, tuple[CameraConfig, Pose]]:
-        """The right camera of a pair."""
+        """Return the right camera of a pair."""
         if isinstance(self.baseline_m, UnsetType):
             return {}
         right = structs.replace(self, baseline_m=UNSET, streams={}, modifiers={})
@@ -58,7 +58,7 @@ class CameraConfig(CameraTable, tag="camera", kw_only=True, frozen=True):
 
 
 class CameraSettings(Settings, frozen=True):
-    """See `CameraConfig`."""
+    """See `CameraTable`."""
 
     exposure: Annotated[float, Meta(ge=1e-6, le=10)]
     gain: Annotated[float, Meta(ge=0, le=60)]
@@ -67,11 +67,11 @@ class CameraSettings(Settings, frozen=True):
 
 class CameraMemory(Memory):
     """Attributes:
-    exposure: of the next picture, s; 0 before the first.
+    exposure: exposure time of the next picture, s; 0 before the first one.
     gain: dB.
-    level: how bright the last picture was, as a part of full scale; negative before the first.
-    tilt: of its mount, rad.
-    last: when it looked last, s."""
+    level: brightness of the last picture, as a part of full scale; negative before the first one.
+    tilt: tilt of its mount, rad.
+    last: time of the last picture, s."""
 
     exposure: Annotated[float, Meta(ge=0, le=10)] = 0.0
     gain: Annotated[float, Meta(ge=0, le=60)] = 0.0
@@ -81,7 +81,7 @@ class CameraMemory(Memory):
 
 
 class Film(NamedTuple):
-    """What of a camera never changes, for its jobs, which share the arrays of the optics."""
+    """The parts of a camera that never change. All its jobs use them, and share the arrays of the optics."""
 
     config: CameraConfig
     optics: Optics
@@ -92,10 +92,10 @@ class Shot(Job):
     """An exposure, as a worker gets it.
 
     Attributes:
-        view: the world at its middle.
-        exposure: s.
+        view: the world in the middle of the exposure.
+        exposure: exposure time, s.
         gain: dB.
-        seed: of the noise; 0 for none.
+        seed: seed of the noise; 0 for no noise.
     """
 
     def __init__(self, film: Film, view: View, exposure: float, gain: float, seed: int) -> None:
@@ -103,11 +103,11 @@ class Shot(Job):
         self._film, self.shared = film, film.optics
 
     def run(self) -> tuple[Value, ...]:
-        """The picture; of a segmentation also which objects it shows, and how much of them."""
+        """Return the picture. For a segmentation, also return which objects it shows, and how much of them."""
         return whole(self.pieces())
 
     def pieces(self) -> Pieces[tuple[Value, ...]]:
-        """The same."""
+        """Do the same as `run`, in pieces."""
         config, optics, chip = self._film
         if config.mode == "depth":
             return (Buffer.of((yield from optics.depths(self.view))),)
@@ -130,7 +130,7 @@ class Shot(Job):
 
 
 class Camera(Sensor):
-    """Pictures."""
+    """A camera, whose settings and memory decide the exposure. A job computes the picture."""
 
     paces = takes_time = True
     settings: CameraSettings
@@ -158,7 +158,7 @@ class Camera(Sensor):
         return self.settings.auto_exposure and not self._is_exact
 
     def turn_on(self) -> CameraMemory:
-        """With the exposure of its settings."""
+        """Return a memory without a picture."""
         return CameraMemory()
 
     def load_kernels(self) -> None:
@@ -168,7 +168,7 @@ class Camera(Sensor):
         self._lens()
 
     def _lens(self) -> Optics:
-        """The rays of the lens; made once."""
+        """Return the rays of the lens; computed once."""
         if self._optics is None:
             from uwserver.sensors.optical.camera.picture import Optics
 
@@ -180,7 +180,7 @@ class Camera(Sensor):
     # -- on the tick ----------------------------------------------------------------------------------------------------------------
 
     def sense(self, scope: Scope) -> Measurement:
-        """Begin a picture; invalid in a world where nobody says what can be seen."""
+        """Begin a picture; invalid in a world that does not say what can be seen."""
         if scope.sight is None:
             return Measurement(blank(self.fields), False)
         config, memory, sight, now = self._config, self.memory, scope.sight, scope.t
@@ -201,7 +201,7 @@ class Camera(Sensor):
         return Begun(numbers[: len(self.fields)], True, self._delay_ns(memory.exposure), job=job)
 
     def _delay_ns(self, exposure: float) -> int:
-        """From the middle of the exposure to the end of the read-out."""
+        """Return the time from the middle of the exposure to the end of the read-out."""
         exposed = 0.0 if self._is_exact else 0.5 * exposure
         return round((exposed + self._config.read_out_s) * NANOSECONDS)
 
@@ -217,7 +217,7 @@ class Camera(Sensor):
         if memory.level < 0.0:
             return
         wanted = electronics.TARGET / max(memory.level, _DARKEST)
-        if memory.last >= 0.0:  # the first picture is taken as it was guessed, the others follow slowly
+        if memory.last >= 0.0:  # the first picture is taken as guessed; later ones follow slowly
             wanted = _STEP if memory.level > _DAZZLED else min(max(wanted, 0.1), 10.0)
             wanted **= 1.0 - math.exp(-max(now - memory.last, 0.0) / _SETTLING_S)
         total = memory.exposure * gain_of(memory.gain) * wanted
@@ -226,7 +226,7 @@ class Camera(Sensor):
         memory.gain = min(more, config.max_gain_db)
 
     def _guess(self, scope: Scope, p: Vec3) -> float:
-        """How bright the first picture will be: daylight where the camera is, and lamps on something a few metres away, on grey."""
+        """Guess the brightness of the first picture: grey things, lit by the daylight at the camera and by lamps a few metres away."""
         sight, memory = scope.sight, self.memory
         assert sight is not None
         depth = max(scope.submergence(p), 0.0)
@@ -237,7 +237,7 @@ class Camera(Sensor):
         return min(max(electrons * gain_of(memory.gain) / self._chip.full_well, 1e-4), 1.0)
 
     def _turned(self, now: float) -> Pose:
-        """The mount as its joint has it by now."""
+        """Return the mount with its present tilt."""
         joint, memory = self.joint, self.memory
         if joint is None:
             return self._mount
@@ -247,14 +247,14 @@ class Camera(Sensor):
         return Pose(self._mount.p, multiply(self._mount.q, quat_from_rpy(0.0, memory.tilt, 0.0)))
 
     def learn(self, values: tuple[Value, ...]) -> None:
-        """Meter the picture that was just delivered."""
+        """Measure the brightness of the picture that was just delivered."""
         picture = values[0]
         if isinstance(picture, Buffer):
             self.memory.level = electronics.metered(picture.array())
 
 
 def _at(scope: Scope, mount: Pose, ago: float) -> Place:
-    """Pose of the camera a little while ago (s)."""
+    """Return the pose of the camera `ago` s earlier."""
     p_NB, q_NB = (
         earlier(scope.p_NB, scope.q_NB, (*scope.v_NB_B, *scope.w_NB_B), ago) if ago else (scope.p_NB, scope.q_NB)
     )
@@ -275,7 +275,7 @@ _DOCS = {
     "rgb": "Pictures in colour, sRGB, row after row from above.",
     "mono": "Grey pictures, row after row from above.",
     "depth": "Distance along the optical axis of what each pixel sees.",
-    "segmentation": "Which object each pixel sees, and how much of each object is seen.",
+    "segmentation": "Which object each pixel sees, and which part of each object is visible.",
 }
 
 
@@ -294,9 +294,9 @@ def _fields(config: CameraConfig) -> tuple[Field, ...]:
     if config.mode == "segmentation":
         return (
             Field("image", "1", "ids of objects, 0 for none", type="buffer", buffer=Layout("uint16", size)),
-            Field("objects", "1", "names of those before the camera, as id:name, with commas between", type="str"),
+            Field("objects", "1", "names of the objects before the camera, as id:name, separated by commas", type="str"),
             Field(
-                "shares", "1", "of each: its id, the pixels that show it, and their part of those that would if it were alone",
+                "shares", "1", "for each object: id, visible pixels, and their part of the pixels that it would have alone",
                 type="buffer", buffer=Layout("float32", (-1, 3)),
             ),
         )  # fmt: skip

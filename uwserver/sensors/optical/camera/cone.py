@@ -1,4 +1,4 @@
-"""What a camera cannot see at all, found without rays: balls about things, and the cone of all that it sees."""
+"""Finds things outside the view of a camera without casting rays: by balls around things and a cone around all rays."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 from uwserver.physics.kernel.arrays import FloatArray
 
 _PARTS = 6
-"""Along each axis: a thing is held by so many balls to the third power, or by fewer."""
+"""Parts along each axis. A thing has at most this number to the third power of balls."""
 
 
 class Balls(NamedTuple):
-    """About parts of a thing: centres (n, 3) and radii (n), m."""
+    """Balls around parts of a thing: centres (n, 3) and radii (n), m."""
 
     centre: FloatArray
     radius: FloatArray
 
 
 def balls_of(corners: FloatArray) -> Balls:
-    """Some balls that hold all triangles (n, 3, 3), each those of one place."""
+    """Return balls that contain all triangles (n, 3, 3). Each ball contains the triangles of one place."""
     low, high = corners.min(axis=1), corners.max(axis=1)
     middle = 0.5 * (low + high)
     first = middle.min(axis=0)
@@ -34,12 +34,12 @@ def balls_of(corners: FloatArray) -> Balls:
 
 
 class Cone(NamedTuple):
-    """Of rays that start near the origin.
+    """A cone that contains rays that start near the origin.
 
     Attributes:
-        axis: (3) unit.
-        half: no ray turns farther from it, rad.
-        slack: nor starts farther from the origin, m.
+        axis: (3) unit vector.
+        half: largest angle of a ray from the axis, rad.
+        slack: largest distance of a start from the origin, m.
     """
 
     axis: FloatArray
@@ -47,7 +47,7 @@ class Cone(NamedTuple):
     slack: float
 
     def meets(self, balls: Balls) -> bool:
-        """Whether a ray may meet one of some balls."""
+        """Return whether a ray may hit one of the balls."""
         far = np.linalg.norm(balls.centre, axis=1)
         radius = balls.radius + self.slack
         if bool((far <= radius).any()):
@@ -57,7 +57,7 @@ class Cone(NamedTuple):
 
 
 def cone_of(direction: FloatArray, origin: FloatArray) -> Cone:
-    """The cone about the x axis that holds rays: unit directions (n, 3) and origins (m, 3), m, of float32."""
+    """Return the cone about the x axis that contains rays: unit directions (n, 3) and origins (m, 3), m, in float32."""
     half = math.acos(max(min(float(direction[:, 0].min()), 1.0), -1.0))
-    # Rounding of float32, which near the axis is more of an angle than of its cosine.
+    # 1e-3 covers the rounding of float32. Near the axis it is larger in the angle than in its cosine.
     return Cone(np.array((1.0, 0.0, 0.0)), half + 1e-3, float(np.linalg.norm(origin, axis=1).max()) + 1e-3)

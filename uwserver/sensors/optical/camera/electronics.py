@@ -1,8 +1,8 @@
-"""What a chip makes of light: electrons, noise, counts, and a picture of 8 bits (compiled).
+"""From light on a sensor chip to a picture of 8 bits: electrons, noise, counts, white balance and gamma (compiled).
 
-The linear model of EMVA 1288 (release 4.0, 2021): electrons = QE photons, of which the number of arrivals is random; dark current and read noise
-add to them, a well holds only so many, and an amplifier makes counts of 12 bits of them. Of few electrons Poisson's distribution is taken as
-normal with its mean and variance.
+The linear model of EMVA 1288 (release 4.0, 2021): electrons = QE photons, and the number of photons is random. Dark current and read noise are
+added, a well holds a limited number of electrons, and an amplifier turns them into counts of 12 bits. Poisson's distribution is replaced by the
+normal one of the same mean and variance, also for few electrons.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.sensors.optical.camera.textures import LINEAR, encoded
 
 PHOTONS = 4.1e3
-"""Photons that a lux of daylight brings to a square micrometre in a second within one colour: 1/683 W/lm over the energy of a photon of 555 nm."""
+"""Photons of one colour per lux of daylight, square micrometre and second: 1/683 W/lm over the energy of a photon of 555 nm."""
 MOST_DN = 4095
-"""Of the converter, 12 bits."""
+"""Largest count of the converter, which has 12 bits."""
 TARGET = 0.70
-"""Auto-exposure holds the 97th percentile at this part of full scale."""
+"""Auto-exposure brings the 97th percentile to this part of full scale."""
 PERCENTILE = 97.0
 _QUANTILES = 1 << 12
 
@@ -33,11 +33,11 @@ class Chip(NamedTuple):
 
     Attributes:
         pixel_um: side of a pixel, micrometres.
-        f_number: of the lens.
+        f_number: f-number of the lens.
         efficiency: QE of red, green and blue, filters and lens included.
-        full_well: electrons.
+        full_well: electrons that a well holds.
         read_noise: electrons.
-        dark: electrons/s.
+        dark: dark current, electrons/s.
         gain: DN per electron at 0 dB.
     """
 
@@ -50,14 +50,14 @@ class Chip(NamedTuple):
     gain: float
 
     def electrons(self, exposure: float) -> FloatArray:
-        """(3) electrons of each colour per lux/sr, for an exposure time (s): E = pi L / (4 N^2) on the chip."""
+        """Return (3) electrons of each colour per lux/sr for an exposure time (s): E = pi L / (4 N^2) on the chip."""
         per = PHOTONS * self.pixel_um**2 * math.pi / (4.0 * self.f_number**2) * exposure
         return per * np.array(self.efficiency)
 
 
 @cache
 def normal_table() -> Any:
-    """Normal deviates of unit variance at even quantiles."""
+    """Return normal deviates of unit variance at evenly spaced quantiles."""
     normal = NormalDist()
     table = np.array([normal.inv_cdf((k + 0.5) / _QUANTILES) for k in range(_QUANTILES)])
     return (table / table.std()).astype(np.float32)
@@ -68,7 +68,7 @@ _GAMMA_BITS = 12
 
 @cache
 def gamma_table() -> Any:
-    """(4096) sRGB of each count."""
+    """Return (4096) the sRGB value of each count."""
     return encoded((np.arange(1 << _GAMMA_BITS) / float(MOST_DN)).astype(np.float32))
 
 
@@ -79,7 +79,7 @@ _LOW = np.uint64(_QUANTILES - 1)
 
 @compiled
 def _bits(seed: Any, k: int) -> Any:
-    """64 random bits of a pixel (splitmix64, Steele et al. 2014)."""
+    """Return 64 random bits of a pixel (splitmix64, Steele et al. 2014)."""
     z = seed + np.uint64(k + 1) * _A
     z = (z ^ (z >> _30)) * _B
     z = (z ^ (z >> _27)) * _C
@@ -90,17 +90,17 @@ def _bits(seed: Any, k: int) -> Any:
 def expose(
     radiance: Array, per: Array, dark: float, full_well: float, read_noise: float, gain: float, seed: Any, normal: Array, counts: Array
 ) -> None:  # fmt: skip
-    """Counts (n, 3) of 12 bits.
+    """Find the counts (n, 3) of 12 bits.
 
     Args:
         radiance: (n, 3) lux/sr.
         per: (3) electrons per lux/sr.
-        dark: electrons of the dark current.
+        dark: electrons of the dark current during the exposure.
         full_well, read_noise: electrons.
         gain: DN per electron.
-        seed: of this picture, uint64; noise is left out where it is 0.
-        normal: table of deviates.
-        counts: uint16, receives them.
+        seed: seed of this picture, uint64; 0 for no noise.
+        normal: the result of `normal_table`.
+        counts: uint16, receives the counts.
     """
     noisy = seed != np.uint64(0)
     for k in range(len(radiance)):
@@ -118,7 +118,7 @@ def expose(
 def expose_mono(
     radiance: Array, per: Array, dark: float, full_well: float, read_noise: float, gain: float, seed: Any, normal: Array, counts: Array
 ) -> None:  # fmt: skip
-    """As `expose` for a chip without filters: counts (n) of the three colours together."""
+    """Do the same as `expose` for a chip without filters: counts (n) of the three colours together."""
     noisy = seed != np.uint64(0)
     for k in range(len(radiance)):
         e = dark
@@ -132,13 +132,13 @@ def expose_mono(
 
 @entry
 def develop(counts: Array, table: Array, balance: Array, picture: Array) -> None:
-    """A picture of 8 bits: white balance, then gamma.
+    """Make a picture of 8 bits: white balance, then gamma.
 
     Args:
-        counts: (n, c).
-        table: of `gamma_table`.
-        balance: (c) factors.
-        picture: (n, c) uint8, receives it.
+        counts: (n, c) counts of 12 bits.
+        table: the result of `gamma_table`.
+        balance: (c) factors of the colours.
+        picture: (n, c) uint8, receives the picture.
     """
     for k in range(len(counts)):
         for i in range(counts.shape[1]):
@@ -146,7 +146,7 @@ def develop(counts: Array, table: Array, balance: Array, picture: Array) -> None
 
 
 def metered(picture: Any) -> float:
-    """How bright a picture is, as a part of full scale: the 97th percentile of the brightest colour of some of its pixels."""
+    """Return the brightness of a picture as a part of full scale: the 97th percentile of the brightest colour, over a sample of pixels."""
     every = max(1, math.isqrt(picture.shape[0] * picture.shape[1] // _METERED))
     some = picture[::every, ::every]
     if some.ndim == 3:

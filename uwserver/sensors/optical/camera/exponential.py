@@ -1,4 +1,4 @@
-"""How light dies away, quickly: exponentials by a table and a short series (compiled). Pictures have ten of them a pixel."""
+"""A fast exponential, by a table and a short series (compiled). A picture needs ten of them for each pixel."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.deferred import inlined
 
 _FAR = 32.0
-"""Smaller than exp(-32) is nothing of any light, and larger than exp(32) hardly ever met."""
+"""exp(-32) of any light is nothing, and arguments above 32 are rare."""
 _STEPS = 8.0
-"""Places of the table to one."""
+"""Entries of the table per unit."""
 _HALF = int(_FAR * _STEPS)
 _TABLE: FloatArray = np.exp((np.arange(2 * _HALF + 1) - _HALF) / _STEPS)
 
 
 @inlined
 def exponential(x: float) -> float:
-    """exp(x) within 1e-8 of itself; 0 below exp(-32), and of no number."""
+    """Return exp(x) with a relative error below 1e-8; 0 if x is below -32 or NaN."""
     if not x >= -_FAR:
         return 0.0
     if x > _FAR:

@@ -1,4 +1,4 @@
-"""Triangles as a camera sees them: corners, smooth normals, colours, and what is painted on them."""
+"""Triangles as a camera sees them: corners, smooth normals, colours, textures and patterns."""
 
 from __future__ import annotations
 
@@ -18,48 +18,45 @@ Colour = tuple[float, float, float]
 """Red, green, blue, linear, 0..1."""
 
 PLAIN, SEABED, GROWTH, TILES = 0, 1, 2, 3
-"""Patterns: none; sand, mud and stones; growth on what stands in the sea; the tiles of a pool."""
+"""Patterns: none; sand, mud and stones; growth on structures in the sea; the tiles of a pool."""
 
 FACE = np.dtype(
     [
-        ("corners", "f4", (3, 3)),  # in the frame of its scene, about the scene's centre, m
+        ("corners", "f4", (3, 3)),  # about the centre of its scene, in the frame of the scene, m
         ("normals", "f4", (3, 3)),  # unit, outward, at the corners
-        ("uv", "f4", (3, 2)),  # of its texture at the corners
+        ("uv", "f4", (3, 2)),  # texture coordinates at the corners
         ("colour", "f4", (3,)),
-        ("texel", "f4"),  # m from one texel to the next
-        ("texture", "i4"),  # number, -1 for none
+        ("texel", "f4"),  # distance between texels, m
+        ("texture", "i4"),  # number of its texture, -1 for none
         ("pattern", "i4"),
-        ("sided", "i4"),  # 1: only the outside is lit; CLOSED: besides, no ray comes from inside
-        ("thing", "i4"),  # row of `picture.THING`
+        ("sided", "i4"),  # 0: both sides are lit; 1: only the outside; CLOSED: the same, and no ray comes from inside
+        ("thing", "i4"),  # row of `rays.THING`
     ]
 )
-"""A triangle, counter-clockwise from outside."""
+"""A triangle, counter-clockwise as seen from outside."""
 
 CLOSED = 2
-"""Of a face of a solid."""
+"""`sided` of a face of a closed solid."""
 
 CREASE = math.cos(rad(40.0))
-"""Faces that meet at a greater angle have an edge between them."""
+"""Cosine of the angle between faces above which there is an edge between them."""
 
 
 class Paint(NamedTuple):
-    """What a solid is painted with.
+    """The paint of a solid.
 
     Attributes:
-        colours: by number of material.
-        patterns: likewise.
+        colours: colours by number of the material.
+        patterns: patterns by number of the material.
     """
 
     colours: Sequence[Colour]
     patterns: Sequence[int] = (PLAIN,)
 
-    def of(self, material: int) -> Colour:
-        """Of a material by number; the last for one that has none."""
-        return self.colours[material if 0 <= material < len(self.colours) else -1]
-
-    def pattern_of(self, material: int) -> int:
-        """Of a material by number; the last for one that has none."""
-        return self.patterns[material if 0 <= material < len(self.patterns) else -1]
+    def of(self, material: int) -> tuple[Colour, int]:
+        """Return colour and pattern of a material by number; the last ones for a material without an entry."""
+        colour = self.colours[material if 0 <= material < len(self.colours) else -1]
+        return colour, self.patterns[material if 0 <= material < len(self.patterns) else -1]
 
 
 class Floor(NamedTuple):
@@ -72,20 +69,20 @@ class Floor(NamedTuple):
 
 
 def solid_faces(solid: Solid, paint: Paint) -> Any:
-    """FACE (n) of a solid in its own frame, about zero; half-spaces are left out."""
+    """Return FACE (n) of a solid in its own frame, about zero, without half-spaces."""
     parts = facets(solid)
     rows = blank_faces(len(parts.corners))
     rows["corners"] = parts.corners
     rows["sided"] = np.where(parts.sided != 0, CLOSED, 0)
     for material in np.unique(parts.material):
         of = parts.material == material
-        rows["colour"][of], rows["pattern"][of] = paint.of(int(material)), paint.pattern_of(int(material))
+        rows["colour"][of], rows["pattern"][of] = paint.of(int(material))
     rows["normals"] = smooth_normals(parts.corners)
     return cut(rows)
 
 
 def cut(rows: Any) -> Any:
-    """FACE with those cut across that fill little of the box about them, as of pipes that lie askew: an engine of such boxes finds them slowly."""
+    """Return FACE with long, slanted triangles cut into pieces. They fill little of their bounding box, which makes ray casting slow."""
     for _ in range(_CUTS):
         corners = rows["corners"].astype(np.float64)
         edges = np.linalg.norm(corners[:, (1, 2, 0)] - corners, axis=2)
@@ -107,28 +104,28 @@ def cut(rows: Any) -> Any:
 
 _SHORT_M, _EMPTY = 0.5, 10.0
 _CUTS, _MOST_CUT = 12, 400_000
-"""Shorter edges are not cut; times that a box may be as large as its triangle; and where it ends."""
+"""Shortest edge to cut, largest ratio of the areas of box and triangle; and limits on the number of rounds and triangles."""
 
 
 def floors(solid: Solid, paint: Paint) -> list[Floor]:
-    """The half-spaces of a solid."""
+    """Return the half-spaces of a solid."""
     found = []
     for placed in solid.shapes:
         if isinstance(placed.shape, HalfSpace):
             material = solid.material if placed.material < 0 else placed.material
-            found.append(Floor(np.array(placed.p), -placed.R[:, 2], paint.of(material), paint.pattern_of(material)))
+            found.append(Floor(np.array(placed.p), -placed.R[:, 2], *paint.of(material)))
     return found
 
 
 def blank_faces(count: int) -> Any:
-    """FACE (n) without pattern and texture."""
+    """Return FACE (n) without pattern and texture."""
     rows: Any = np.zeros(count, FACE)
     rows["texture"], rows["sided"] = -1, 1
     return rows
 
 
 def smooth_normals(corners: FloatArray) -> FloatArray:
-    """(n, 3, 3) unit normals at the corners of triangles (n, 3, 3): means over those faces that meet there without an edge between them."""
+    """Return (n, 3, 3) unit normals at the corners of triangles (n, 3, 3): means over the faces that meet there without an edge between."""
     n = len(corners)
     if n == 0:
         return np.zeros((0, 3, 3))
@@ -136,7 +133,7 @@ def smooth_normals(corners: FloatArray) -> FloatArray:
     size = np.linalg.norm(normals, axis=1, keepdims=True)
     unit = np.divide(normals, size, out=np.zeros_like(normals), where=size > 0.0)
     span = max(float(np.ptp(corners.reshape(-1, 3), axis=0).max()), 1e-6)
-    # Corners that lie as near as rounding are one place.
+    # Corners whose distance is within rounding are the same place.
     cells = np.round(corners.reshape(-1, 3) / (1e-6 * span)).astype(np.int64)
     order = np.lexsort(cells.T)
     fresh = np.ones(3 * n, np.bool_)
@@ -148,19 +145,19 @@ def smooth_normals(corners: FloatArray) -> FloatArray:
 
 
 _MOST_AT_POINT = 512
-"""Faces at one place that are averaged; more are a fan about an axis."""
+"""Most faces at one place that are averaged. If there are more, it is a fan around an axis."""
 
 
 @entry
 def average_normals(unit: Array, weight: Array, order: Array, starts: Array, crease: float, out: Array) -> None:
-    """Means of normals at each place.
+    """Average the normals at each place.
 
     Args:
         unit, weight: (n, 3) normals of triangles, and (n) twice their areas.
-        order: (3 n) corners, those of a place side by side; corner 3 t + k belongs to triangle t.
-        starts: (m + 1) where each place begins.
-        crease: cosine of the angle from which there is an edge.
-        out: (3 n, 3) receives them.
+        order: (3 n) corners, sorted so that those of a place are neighbours; corner 3 t + k belongs to triangle t.
+        starts: (m + 1) start of each place in `order`.
+        crease: cosine of the angle above which there is an edge.
+        out: (3 n, 3) receives the normals.
     """
     for place in range(len(starts) - 1):
         first, last = starts[place], starts[place + 1]

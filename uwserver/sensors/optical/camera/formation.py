@@ -1,10 +1,10 @@
-"""How light reaches the camera through water: revised image formation, pixel by pixel (compiled).
+"""How light reaches the camera through water, pixel by pixel: revised image formation (compiled).
 
-Each colour has an attenuation of its own along the line of sight and another one for daylight downwards, and the veil of the water before a
-thing does not follow the attenuation of the thing's own light (D. Akkaynak and T. Treibitz, A revised underwater image formation model, CVPR
-2018). Light of the sun falls with depth, keeps less and less of its direction, and is gathered by waves; light of lamps comes by cones, keeps
-what is scattered forward on its way out, and loses it on its way to the lens, where it would be a blur. Surfaces are Lambert's. Illuminance is
-in lux of daylight of each colour, radiance in lux/sr.
+Each colour has one attenuation along the line of sight and another one for daylight downwards, and the veil of water in front of a thing does not
+follow the attenuation of the light of the thing itself (D. Akkaynak and T. Treibitz, A revised underwater image formation model, CVPR 2018).
+Sunlight decreases with depth, loses its direction more and more, and is focused by waves. Light of lamps comes in cones. On its way out it keeps
+what is scattered forward; on its way to the lens it loses that part, which would only blur the picture. Surfaces are Lambertian. Illuminance is in
+lux of daylight of each colour, radiance in lux/sr.
 """
 
 from __future__ import annotations
@@ -18,61 +18,60 @@ from uwserver.environment.light import REFRACTION, Colours, Daylight, WaterLight
 from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import entry, inlined
-from uwserver.sensors.optical.camera.caustics import TEXELS, TILE_M, fill
 from uwserver.sensors.optical.camera.exponential import exponential
 from uwserver.sensors.optical.camera.lamps import COARSE, SHADOW, intensity
 from uwserver.sensors.optical.camera.patterns import grown, sampled, seabed, tiles
-from uwserver.sensors.optical.camera.surface import from_above, from_below, sky_towards, waves_at
+from uwserver.sensors.optical.camera.surface import TEXELS, TILE_M, fill, from_above, from_below, sky_towards, waves_at
 
 SEA = np.dtype(
     [
-        ("attenuation", "f8", (3,)),  # of a beam, 1/m
-        ("dimming", "f8", (3,)),  # of lamps on their way out, 1/m
-        ("fading", "f8", (3,)),  # of daylight downwards, 1/m
-        ("glow", "f8", (3,)),  # of the water at the base, lux/sr of a metre, see `WaterLight.glow`
-        ("mirrored", "f8", (3,)),  # what the surface mirrors from below: water seen level, lux/sr
-        ("body", "f8", (3,)),  # of the water as seen from above, lux/sr
-        ("spreading", "f8"),  # of the sun's light, of green as of all colours, 1/m
+        ("attenuation", "f8", (3,)),  # beam attenuation, 1/m
+        ("dimming", "f8", (3,)),  # attenuation of lamplight on its way out, 1/m
+        ("fading", "f8", (3,)),  # attenuation of daylight downwards, 1/m
+        ("glow", "f8", (3,)),  # light of the water itself at the base, lux/sr per metre, see `WaterLight.glow`
+        ("mirrored", "f8", (3,)),  # what the surface mirrors from below: the water in a level view, lux/sr
+        ("body", "f8", (3,)),  # colour of the water as seen from above, lux/sr
+        ("spreading", "f8"),  # loss of direction of sunlight, 1/m; that of green for all colours
         ("surface", "f8"),  # z of the surface about the base, m: negative under water
-        ("wet", "i8"),  # the camera is in the water
-        ("above", "f8"),  # lux on the surface
-        ("entered", "f8"),  # part of it that enters
-        ("sky", "f8"),  # part of it that comes from all of the sky
-        ("sun", "f8", (3,)),  # unit vector towards it as seen in the water, N
+        ("wet", "i8"),  # 1: the camera is in the water
+        ("above", "f8"),  # illuminance of the surface, lux
+        ("entered", "f8"),  # part of it that enters the water
+        ("sky", "f8"),  # part of it that comes from the sky and not from the sun
+        ("sun", "f8", (3,)),  # unit vector towards the sun as seen in the water, N
         ("high", "f8", (3,)),  # the same in air
-        ("north", "f8"),  # of the base, m, modulo the tile of the waves
+        ("north", "f8"),  # position of the base modulo the tile of waves, m
         ("east", "f8"),
-        ("pixel", "f8"),  # rad
-        ("waves", "f4", (TEXELS, TEXELS, 3)),  # see `caustics.fill_tile`
+        ("pixel", "f8"),  # angle of a pixel, rad
+        ("waves", "f4", (TEXELS, TEXELS, 3)),  # see `surface.fill`
     ]
 )
-"""Light and water of a picture. Waves are a field of it, as numba counts references to an array that is passed on, for each pixel."""
+"""Light and water of a picture. The waves are a field, because numba would count references to a separate array for each pixel."""
 
 _CAUSTICS_M = 10.0
 _BACK = 0.08
-"""Part of the light downwards that comes up again from below."""
+"""Part of the downward light that comes back up from below."""
 _TILES, _GROWTH, _SEABED = 3, 2, 1
 _LAMBERT = 1.0 / math.pi
-"""Radiance of a white face, of its illuminance."""
+"""Radiance of a white face over its illuminance."""
 _NEVER = 1e6
 _SURFACE = -2
 _TURNED_AWAY = -0.2
-"""Smooth normals may turn a little away at an outline; farther, and one is inside a wall, where it is dark."""
+"""At an outline, smooth normals may point a little away from the camera. Beyond this the camera is inside a wall, where it is dark."""
 _LEAST_SEEN = 1e-4
-"""Of the light of a thing; less is lost in the veil."""
+"""If less than this part of a thing's light arrives, the veil hides it."""
 
 
 def sea_row(
     t: float, water: WaterLight, day: Daylight, base: tuple[float, float, float], depth: float, pixel: float
 ) -> Any:
-    """SEA (1) of a picture.
+    """Return SEA (1) of a picture.
 
     Args:
-        t: s.
+        t: simulation time, s.
         water, day: light and water.
-        base: of the picture, N.
-        depth: of it under the surface, m; negative in air.
-        pixel: angle of one, rad.
+        base: base of the picture, m in N.
+        depth: depth of the base below the surface, m; negative in air.
+        pixel: angle of a pixel, rad.
     """
     row: Any = np.zeros(1, SEA)
     sea = row[0]
@@ -97,19 +96,19 @@ def form(
     texels: Array, levels: Array, lamps: Array, lit: Array, veil: Array, ranges: Array, width: int, first: int,
     radiance: Array,
 ) -> None:  # fmt: skip
-    """Radiance of each pixel.
+    """Find the radiance of each pixel.
 
     Args:
         sea: SEA (1).
-        origin, direction, distance, met: (n) rays and what they met, see `rays.Buffers`.
+        origin, direction, distance, met: (n) rays and what they hit, see `rays.Buffers`.
         faces, things: FACE and THING.
-        shift: (things, 3) of the origin of faces in the frame of patterns, m.
-        texels, levels: of the atlas.
-        lamps, lit: LAMP (m), and (m, cells) whether each reaches what is seen, see `lamps.light_rays`.
-        veil, ranges: of lamps, see `lamps.fill_veil`.
-        width: of the picture.
-        first: row of the picture, of which these are the pixels of the first.
-        radiance: (n, 3) float32 receives it.
+        shift: (things, 3) origin of the faces in the frame of patterns, m.
+        texels, levels: the atlas.
+        lamps, lit: LAMP (m), and (m, cells) whether each lamp reaches what a cell sees, see `lamps.light_rays`.
+        veil, ranges: the veil of lamps, see `lamps.fill_veil`.
+        width: width of the picture, pixels.
+        first: row of the picture in which these pixels begin.
+        radiance: (n, 3) float32, receives the radiance.
     """
     s, wet = sea[0], sea[0].wet != 0
     cells = (width + SHADOW - 1) // SHADOW  # in a row
@@ -154,7 +153,7 @@ def form(
 
 @inlined
 def _through(s: Any, wet: bool, r: float) -> Colours:
-    """Part of the light that comes through r m of water."""
+    """Return the part of the light that gets through r m of water."""
     if not wet:
         return 1.0, 1.0, 1.0
     red, green, blue = s.attenuation[0], s.attenuation[1], s.attenuation[2]
@@ -163,16 +162,16 @@ def _through(s: Any, wet: bool, r: float) -> Colours:
 
 @inlined
 def _between(s: Any, i: int, dz: float, r: float) -> float:
-    """What the water adds of a colour along r m of a ray."""
+    """Return the light of a colour that the water adds along r m of a ray."""
     rate = s.attenuation[i] + s.fading[i] * dz
-    # (1 - exp(-rate r)) / rate, and its series where that would be a small difference.
+    # (1 - exp(-rate r)) / rate, or its series where the difference would lose its digits.
     column = (1.0 - exponential(-rate * r)) / rate if abs(rate * r) > 1e-4 else r * (1.0 - 0.5 * rate * r)
     return float(s.glow[i] * column)
 
 
 @inlined
 def _place(owner: Any, x: Vec3) -> Vec3:
-    """Where x (about the base, N) is in the frame of the faces of a THING."""
+    """Return the point x (about the base, N) in the frame of the faces of a THING."""
     R, p = owner.R, owner.p
     a, b, c = x[0] - p[0], x[1] - p[1], x[2] - p[2]
     return (
@@ -184,14 +183,14 @@ def _place(owner: Any, x: Vec3) -> Vec3:
 
 @inlined
 def _looks(face: Any, owner: Any, place: Vec3, pixel: float, texels: Array, levels: Array) -> tuple[Vec3, Colours]:
-    """Normal (N) and colour of a face.
+    """Return normal (N) and colour of a face.
 
     Args:
-        face: of FACE.
-        owner: of THING.
-        place: on the face, in its frame.
-        pixel: m that one covers there.
-        texels, levels: of the atlas.
+        face: a row of FACE.
+        owner: a row of THING.
+        place: point on the face, in its frame.
+        pixel: length that a pixel covers there, m.
+        texels, levels: the atlas.
     """
     # Barycentric coordinates (Ericson, Real-Time Collision Detection, 3.4).
     d00 = d01 = d11 = d20 = d21 = 0.0
@@ -227,7 +226,7 @@ def _looks(face: Any, owner: Any, place: Vec3, pixel: float, texels: Array, leve
 def _painted(
     pattern: int, place: Vec3, shift: Vec3, pixel: float, facing: float, normal: Vec3, colour: Colours
 ) -> Colours:
-    """A colour with the pattern of its face."""
+    """Return a colour with the pattern of its face."""
     x, y, z = place[0] + shift[0], place[1] + shift[1], place[2] + shift[2]
     if pattern == _SEABED:
         colour = seabed(x, y, pixel / math.sqrt(max(facing, 0.05)), colour)
@@ -240,7 +239,7 @@ def _painted(
 
 @inlined
 def _lamplight(s: Any, wet: bool, lamp: Any, x: Vec3, normal: Vec3, lux: Colours) -> Colours:
-    """Illuminance of a face at x, and what a lamp adds to it."""
+    """Return the illuminance `lux` of a face at x plus that of a lamp."""
     lx, ly, lz = x[0] - lamp.p[0], x[1] - lamp.p[1], x[2] - lamp.p[2]
     far = max(math.sqrt(lx * lx + ly * ly + lz * lz), 0.01)
     cosine = -(normal[0] * lx + normal[1] * ly + normal[2] * lz) / far
@@ -260,7 +259,7 @@ def _lamplight(s: Any, wet: bool, lamp: Any, x: Vec3, normal: Vec3, lux: Colours
 
 @inlined
 def _daylight(s: Any, x: Vec3, normal: Vec3) -> Colours:
-    """Illuminance (lux) that daylight brings to a face at x (about the base) with this normal (N)."""
+    """Return the illuminance (lux) by daylight of a face at x (about the base) with this normal (N)."""
     depth = x[2] - s.surface
     up = -normal[2]
     if depth <= 0.0:  # in air
@@ -286,8 +285,8 @@ def _daylight(s: Any, x: Vec3, normal: Vec3) -> Colours:
 
 @inlined
 def _add_veil(veil: Array, ranges: Array, steps: float, pixel: tuple[int, int], r: float, out: Array) -> None:
-    """Add the veil of lamps up to range r (m) in a pixel (row, column), between the cells of its table, whose ranges lie so many `steps` to one
-    of the logarithm."""
+    """Add the veil of lamps up to range r (m) to a pixel (row, column). It is interpolated between the cells of the table, whose ranges have `steps`
+    entries per unit of their natural logarithm."""
     y, z = pixel[0] * (1.0 / COARSE), pixel[1] * (1.0 / COARSE)
     a, b = int(y), int(z)
     p, q = y - a, z - b

@@ -1,4 +1,4 @@
-"""Looks: the triangles, colours and textures of a .glb file of glTF 2.0, which was checked when the scenario was loaded."""
+"""Looks: triangles, colours and textures of a .glb file (glTF 2.0), which was checked when the scenario was loaded."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ from uwserver.sensors.optical.camera.faces import blank_faces, smooth_normals
 from uwserver.sensors.optical.camera.textures import BadTexture, Picture, Room, decoded
 
 FRD: FloatArray = np.array(((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)))
-"""From the axes of glTF, y up and x forward, to forward, right, down."""
+"""Matrix from the axes of glTF (y up, x forward) to forward, right, down."""
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _TRIANGLES = 4
 _DEEPEST = 64
 _MOST_NODES = 50_000
-"""Visited, as nodes may hang below several others."""
+"""Most visits of nodes. A node may be a child of several others."""
 _MOST_PARTS = 20_000
-"""Drawn, as meshes may hang at many nodes."""
+"""Most meshes that are drawn. A mesh may belong to many nodes."""
 _MOST_PICTURES = 256
 _FARTHEST_M = 1e7
 _WIDEST_STEP = 252
-"""Bytes from one vertex to the next (glTF 2.0, 5.11.4)."""
+"""Largest distance between vertices, bytes (glTF 2.0, 5.11.4)."""
 MOST_TRIANGLES = 2_000_000
 
 
 class BadLooks(ValueError):
-    """A file of looks that cannot be drawn; the text says why."""
+    """A glTF file that cannot be drawn. The text says why."""
 
 
 class Looks(NamedTuple):
-    """What a file looks like.
+    """The contents of a glTF file.
 
     Attributes:
-        faces: FACE (n) in forward, right, down; `texture` numbers `pictures`.
+        faces: FACE (n) in forward, right, down; `texture` is an index of `pictures`.
         pictures: (h, w, 3) each.
-        faults: what of it cannot be shown, as texts.
+        faults: texts about what cannot be shown.
     """
 
     faces: Any
@@ -49,14 +49,14 @@ class Looks(NamedTuple):
 
 
 def read_glb(data: bytes, room: Room | None = None) -> Looks:
-    """The looks of a file, whose pictures take of the room there is for those of all things; default: all of it.
+    """Return the looks of a file. Its pictures take bytes of `room`, which all things of a world share; default: all bytes.
 
     Raises:
-        BadLooks: it has no triangles, or they do not fit together.
+        BadLooks: the file has no triangles, or its parts do not fit together.
     """
     try:
         reader = _Reader(data, Room() if room is None else room)
-        with np.errstate(all="ignore"):  # what is not finite is refused
+        with np.errstate(all="ignore"):  # numbers that are not finite are refused
             parts = reader.parts()
     except (
         KeyError,
@@ -75,7 +75,7 @@ def read_glb(data: bytes, room: Room | None = None) -> Looks:
 
 
 class _Reader:
-    """Walks through the nodes of one file."""
+    """Reads the nodes of one file."""
 
     def __init__(self, data: bytes, room: Room) -> None:
         size = struct.unpack_from("<I", data, 12)[0]
@@ -91,7 +91,7 @@ class _Reader:
         self._triangles = self._visited = self._parts = 0
 
     def parts(self) -> list[Any]:
-        """FACE of all meshes, each where its nodes put it."""
+        """Return FACE of all meshes, transformed by their nodes."""
         told, found = self._told, list[Any]()
         scenes = told.get("scenes") or [{"nodes": list(range(len(told.get("nodes", []))))}]
         for node in scenes[told.get("scene", 0)].get("nodes", []):
@@ -101,7 +101,7 @@ class _Reader:
     def _walk(self, number: int, above: FloatArray, depth: int, found: list[Any]) -> None:
         self._visited += 1
         if depth > _DEEPEST or self._visited > _MOST_NODES:
-            raise ValueError("nodes that hold themselves, or too many")
+            raise ValueError("nodes that contain themselves, or too many nodes")
         node = self._told["nodes"][number]
         here = above @ _placed(node)
         if "mesh" in node:
@@ -122,11 +122,11 @@ class _Reader:
         if self._triangles > MOST_TRIANGLES:
             raise ValueError(f"more than {MOST_TRIANGLES} triangles")
         order: IntArray = np.arange(3 * count) if named is None else named[: 3 * count].astype(np.int64)
-        # Only what the triangles name is worked on: a file may hang a few of many vertices at many nodes.
+        # Transform only the vertices that are used: many nodes may each use a few of many vertices.
         used, places = np.unique(order, return_inverse=True)
         vertices = (points[used].astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]) @ FRD.T
         if not bool((np.abs(vertices) <= _FARTHEST_M).all()):
-            raise ValueError("vertices that are not finite, or beyond all measure")
+            raise ValueError(f"vertices that are not finite, or farther away than {_FARTHEST_M:g} m")
         order, places = order.reshape(-1, 3), places.reshape(-1, 3)
         if np.linalg.det(pose[:3, :3]) < 0.0:
             order, places = order[:, ::-1], places[:, ::-1]
@@ -157,7 +157,7 @@ class _Reader:
         rows["texel"] = np.sqrt(area / np.maximum(texels, 1e-6))
 
     def _texture(self, texture: int) -> int:
-        """The number of its picture; -1 where it cannot be shown."""
+        """Return the number of its picture; -1 if the picture cannot be shown."""
         source = self._told["textures"][texture]["source"]
         if source not in self._numbers:
             if len(self._numbers) >= _MOST_PICTURES:
@@ -173,7 +173,7 @@ class _Reader:
         return self._numbers[source]
 
     def _accessor(self, number: int) -> npt.NDArray[Any]:
-        """(count, width) values; whole numbers that stand for parts of one are these."""
+        """Return the values of an accessor, (count, width). Normalised integers become fractions."""
         if number not in self._values:
             self._values[number] = self._read(self._told["accessors"][number])
         return self._values[number]
@@ -191,7 +191,7 @@ class _Reader:
         begin = sum(offsets)
         if begin + (count - 1) * step + size > len(self._binary):
             raise ValueError("an accessor that ends beyond the file")
-        # An array over a buffer refuses by itself what lies outside.
+        # The constructor itself refuses an array that exceeds the buffer.
         rows = np.ndarray((count, width), kind, self._binary, begin, (step, kind.itemsize))
         values: npt.NDArray[Any] = np.ascontiguousarray(rows)
         if told.get("normalized"):
@@ -200,7 +200,7 @@ class _Reader:
 
 
 def _placed(node: dict[str, Any]) -> FloatArray:
-    """The pose of a node in the one above."""
+    """Return the pose of a node in its parent."""
     if "matrix" in node:
         given: FloatArray = np.array(node["matrix"], np.float64).reshape(4, 4).T
         return given

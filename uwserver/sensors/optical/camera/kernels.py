@@ -1,4 +1,4 @@
-"""The compiled part of this room, all at once: for who compiles before anything runs."""
+"""Loads all compiled code of cameras at once, before a world runs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from uwserver.environment.light import WATER_TYPES, Daylight
 from uwserver.frames import IDENTITY
 from uwserver.physics.geometry.shapes import Box, HalfSpace, Placed, Solid
-from uwserver.sensors.optical.camera import caustics, electronics, faces, formation, lamps, rays, snow
+from uwserver.sensors.optical.camera import electronics, faces, formation, lamps, rays, snow, surface
 from uwserver.sensors.optical.camera.faces import Paint
 from uwserver.sensors.optical.camera.lamps import LampAt
 from uwserver.sensors.optical.camera.lens import lens_of
@@ -19,18 +19,18 @@ from uwserver.sensors.optical.camera.visible import Look, Models, Seen
 
 KERNELS = (
     faces.average_normals, rays.turn, rays.meet_floor, rays.select, rays.meet, rays.bury, rays.darken, rays.depths, rays.owners, lamps.fill_veil,
-    lamps.light_rays, caustics.fill_tile, formation.form, snow.add_flakes, electronics.expose, electronics.expose_mono,
+    lamps.light_rays, surface.fill_tile, formation.form, snow.add_flakes, electronics.expose, electronics.expose_mono,
     electronics.develop,
 )  # fmt: skip
-"""What Python calls."""
+"""The kernels that Python calls."""
 
 
 @cache
 def load() -> None:
-    """Run each once, compiled or from the cache, so that no picture waits for them.
+    """Run each kernel once, so that it is compiled or loaded from the cache and no picture waits for it.
 
     Raises:
-        RuntimeError: they see nothing of a box before the camera.
+        RuntimeError: they do not show a box in front of the camera.
     """
     grey = Paint([(0.5, 0.5, 0.5)])
     box = Solid("box", (Placed(Box((0.2, 0.2, 0.2)), (1.0, 0.0, 3.0)),))
@@ -53,4 +53,4 @@ def load() -> None:
     electronics.develop(counts, table, per, picture)
     electronics.develop(single, table, np.ones(1), np.empty((n, 1), np.uint8))
     if not (abs(int(depth[8, 8]) - 800) <= 1 and ids[8, 8] == 1 and picture[100].any()):
-        raise RuntimeError("the kernels of cameras saw no box: reinstall numpy and numba")
+        raise RuntimeError("the kernels of cameras do not show a box in front of the camera: reinstall numpy and numba")

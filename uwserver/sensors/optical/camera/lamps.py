@@ -1,4 +1,4 @@
-"""Lamps in the water: what they light, and the veil of light that the water between sends back (compiled)."""
+"""Lamps in the water: their light, and the veil of light that the water scatters back (compiled)."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ LAMP = np.dtype(
     [
         ("p", "f8", (3,)),  # about the base of the picture, N, m
         ("axis", "f8", (3,)),  # unit, N
-        ("candela", "f8"),  # on the axis
-        ("exponent", "f8"),  # of the cosine from the axis
-        ("row", "i4"),  # of the body that carries it
+        ("candela", "f8"),  # intensity on the axis
+        ("exponent", "f8"),  # power of the cosine with which the intensity falls off the axis
+        ("row", "i4"),  # row of the body that carries it
     ]
 )
 """A lamp in a picture."""
 
 COARSE = 16
-"""Pixels of the picture along a cell of the veil."""
+"""Pixels along the side of a cell of the veil."""
 STEPS = 20
 _FIRST, _LAST = 0.05, 25.0
-"""m; ranges of the veil, which grow by the same factor."""
+"""m. The ranges of the veil grow by a constant factor."""
 RANGES: FloatArray = _FIRST * (_LAST / _FIRST) ** (np.arange(STEPS) / (STEPS - 1.0))
 _NEAREST = 0.03
-"""m from a lamp; nearer water counts as if it were there."""
+"""m from a lamp. Nearer water counts as if it were at this distance."""
 
 
 class LampAt(NamedTuple):
     """A lamp on a body.
 
     Attributes:
-        row: of the body.
-        p, q: of the lamp on it; it shines along its x.
-        cone: whole angle between the directions of half the intensity, rad.
-        lumens: of all its light, now.
+        row: row of the body.
+        p, q: pose of the lamp on the body; it shines along its x axis.
+        cone: full angle between the directions of half the intensity, rad.
+        lumens: present luminous flux.
     """
 
     row: int
@@ -52,18 +52,18 @@ class LampAt(NamedTuple):
 
 
 def exponent_of(cone: float) -> float:
-    """Of the cosine whose half value spans a cone (rad)."""
+    """Return the power of the cosine that has half its value at the edge of a cone (rad)."""
     return math.log(0.5) / math.log(max(math.cos(0.5 * cone), 1e-6))
 
 
 def candelas(lumens: float, exponent: float) -> float:
-    """Intensity on the axis of a lamp whose intensity falls as a power of the cosine, over its half space."""
+    """Return the intensity on the axis of a lamp, if the intensity is a power of the cosine over the half space."""
     return lumens * (exponent + 1.0) / (2.0 * math.pi)
 
 
 @compiled
 def intensity(lamp: Any, x: float, y: float, z: float, far: float) -> float:
-    """Candelas towards a point at (x, y, z) from the lamp, `far` (m) away."""
+    """Return the intensity (cd) towards a point at (x, y, z) from the lamp, at the distance `far` (m)."""
     along = (lamp.axis[0] * x + lamp.axis[1] * y + lamp.axis[2] * z) / far
     if along <= 0.0:
         return 0.0
@@ -75,19 +75,19 @@ def fill_veil(
     lamps: Array, origin: Array, direction: Array, width: int, coarse: int, ranges: Array, dimming: Array, attenuation: Array, scattering: Array,
     asymmetry: float, nearest: float, veil: Array,
 ) -> None:  # fmt: skip
-    """Light of lamps that the water before each range sends back.
+    """Find the light of lamps that the water scatters back from before each range.
 
     Args:
-        lamps: LAMP.
+        lamps: LAMP (n).
         origin, direction: (n, 3) rays of the whole picture.
-        width: of the picture.
-        coarse: pixels along a cell of the veil.
-        ranges: (s) m.
-        dimming: (3) of lamps on the way out, 1/m.
-        attenuation, scattering: (3) of the water, 1/m.
-        asymmetry: of Henyey and Greenstein's phase function.
-        nearest: m; least distance from a lamp.
-        veil: (rows, columns, s, 3) receives it, lux/sr, at the corners of the cells.
+        width: width of the picture, pixels.
+        coarse: pixels along the side of a cell of the veil.
+        ranges: (s) ranges, m.
+        dimming: (3) attenuation of lamplight on its way out, 1/m.
+        attenuation, scattering: (3) coefficients of the water, 1/m.
+        asymmetry: asymmetry of Henyey and Greenstein's phase function.
+        nearest: smallest distance from a lamp, m.
+        veil: (rows, columns, s, 3) receives the veil at the corners of the cells, lux/sr.
     """
     g, gg = asymmetry, asymmetry * asymmetry
     height = len(direction) // width
@@ -110,7 +110,7 @@ def fill_veil(
                     light = intensity(lamp, x, y, z, far) / (far * far)
                     if light <= 0.0:
                         continue
-                    # Light goes on along (x, y, z); it comes back against the ray.
+                    # Light travels along (x, y, z) and is scattered back against the ray.
                     turn = -(x * direction[k, 0] + y * direction[k, 1] + z * direction[k, 2]) / far
                     spread = 1.0 + gg - 2.0 * g * turn
                     phase = (1.0 - gg) / (4.0 * math.pi * spread * math.sqrt(spread))
@@ -127,7 +127,7 @@ def fill_veil(
 
 
 def veil_of(lamps: Any, rays: tuple[Any, Any], width: int, water: WaterLight) -> FloatArray:
-    """The veil of a picture: (rows, columns, STEPS, 3), see `fill_veil`; empty without lamps."""
+    """Return the veil of a picture: (rows, columns, STEPS, 3), see `fill_veil`; empty without lamps."""
     if not len(lamps):
         return np.zeros((0, 0, STEPS, 3))
     origin, direction = rays
@@ -143,7 +143,7 @@ def veil_of(lamps: Any, rays: tuple[Any, Any], width: int, water: WaterLight) ->
 
 
 SHADOW = 2
-"""Pixels along a cell of the shadows: one ray to a lamp for each cell."""
+"""Pixels along the side of a cell of shadows. Each cell casts one ray to a lamp."""
 
 
 @entry
@@ -151,17 +151,17 @@ def light_rays(
     lamp: Array, origin: Array, direction: Array, distance: Array, width: int, cell: int, least: float, attenuation: float, points: Array,
     towards: Array, reach: Array,
 ) -> None:  # fmt: skip
-    """Rays to a lamp from what a pixel of each cell sees, for its shadows.
+    """Make the rays for shadows: from what one pixel of each cell sees to a lamp.
 
     Args:
         lamp: LAMP (1).
-        origin, direction, distance: of the rays of the picture.
-        width: of the picture.
-        cell: pixels along a cell.
-        least: lux; where the lamp brings less, nobody looks.
-        attenuation: of its least attenuated colour, 1/m.
-        points, towards: (cells, 3) receive them, row after row.
-        reach: (cells) receives m, 0 where nobody looks.
+        origin, direction, distance: the rays of the picture, and what they hit.
+        width: width of the picture, pixels.
+        cell: pixels along the side of a cell.
+        least: illuminance below which no ray is cast, lux.
+        attenuation: attenuation of the least attenuated colour, 1/m.
+        points, towards: (cells, 3) receive starts and directions, row after row.
+        reach: (cells) receives the distance of the lamp, m; 0 for no ray.
     """
     columns = (width + cell - 1) // cell
     for m in range(len(reach)):
@@ -170,7 +170,7 @@ def light_rays(
         r = distance[k]
         if r > 1e6:
             continue
-        # A little before the surface, so that it does not stand in its own light.
+        # Start a little before the surface, so that the ray does not hit the surface itself.
         r -= 1e-3 + 1e-4 * r
         for i in range(3):
             points[m, i] = origin[k, i] + r * direction[k, i]

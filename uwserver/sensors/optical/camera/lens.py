@@ -1,7 +1,7 @@
-"""What a lens does: from pixels to directions in the air behind the port, and back.
+"""Models of lenses: from pixels to directions in the air behind the port, and back.
 
-Directions are in S, the frame of the sensor: x along the optical axis, y to the right of the picture, z down. Pixels count from the middle of
-the first one: u to the right, v down. Models and the order of their coefficients are those of OpenCV and ROS: Brown-Conrady k1 k2 p1 p2 k3
+Directions are in S, the frame of the sensor: x along the optical axis, y to the right of the picture, z down. Pixel coordinates begin at the middle
+of the first pixel: u to the right, v down. Models and the order of their coefficients are those of OpenCV and ROS: Brown-Conrady k1 k2 p1 p2 k3
 (D. C. Brown, Close-range camera calibration, Photogrammetric Engineering 37 (1971) 855), and Kannala-Brandt k1 to k4 (A generic camera model
 and calibration method, IEEE PAMI 28 (2006) 1335), which OpenCV calls fisheye and ROS equidistant.
 """
@@ -17,22 +17,22 @@ from uwserver.physics.kernel.arrays import FloatArray
 
 Model = Literal["pinhole", "brown_conrady", "fisheye"]
 STEPS = 20
-"""Of the fixed-point iteration, after which a corner at 80 degrees is off by less than 1e-6 px."""
+"""Steps of the fixed-point iteration, after which the error of a corner at 80 degrees is below 1e-6 px."""
 _NEWTON = 20
 _EDGE = 64
-"""Pixels along each edge that are tried out by `check`."""
+"""Pixels along each edge that `check` tries."""
 _FOLDED_PX = 0.01
 
 
 class Lens(NamedTuple):
-    """Intrinsics.
+    """The intrinsic parameters of a camera.
 
     Attributes:
-        width, height: of the picture, pixels.
+        width, height: size of the picture, pixels.
         fx, fy: focal lengths, pixels.
         cx, cy: the principal point, pixels.
-        model: of the distortion.
-        coefficients: five of brown_conrady (k1 k2 p1 p2 k3), four of fisheye, none of pinhole.
+        model: model of the distortion.
+        coefficients: five for brown_conrady (k1 k2 p1 p2 k3), four for fisheye, none for pinhole.
     """
 
     width: int
@@ -45,7 +45,7 @@ class Lens(NamedTuple):
     coefficients: tuple[float, ...] = ()
 
     def directions(self, u: FloatArray, v: FloatArray) -> FloatArray:
-        """(n, 3) unit directions in S of pixels (n)."""
+        """Return (n, 3) unit directions in S of pixels (n)."""
         x, y = (u - self.cx) / self.fx, (v - self.cy) / self.fy
         if self.model == "fisheye":
             return _fisheye_directions(x, y, self.coefficients)
@@ -56,7 +56,7 @@ class Lens(NamedTuple):
         return rays
 
     def pixels(self, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """u and v (n) of directions (n, 3) in S; nan for what lies behind a lens that is no fisheye."""
+        """Return u and v (n) of directions (n, 3) in S; nan for a direction to the back of a lens that is no fisheye."""
         ahead, right, down = direction[..., 0], direction[..., 1], direction[..., 2]
         if self.model == "fisheye":
             across = np.hypot(right, down)
@@ -67,16 +67,17 @@ class Lens(NamedTuple):
             ahead = np.where(ahead > 0.0, ahead, np.nan)
             x, y = right / ahead, down / ahead
             if self.model == "brown_conrady":
-                x, y = _distorted(x, y, self.coefficients)
+                radial, dx, dy = _terms(x, y, self.coefficients)
+                x, y = x * radial + dx, y * radial + dy
         return self.fx * x + self.cx, self.fy * y + self.cy
 
     def table(self) -> FloatArray:
-        """(height width, 3) directions of all pixels, row after row."""
+        """Return (height width, 3) directions of all pixels, row after row."""
         u, v = np.meshgrid(np.arange(self.width, dtype=np.float64), np.arange(self.height, dtype=np.float64))
         return self.directions(u.ravel(), v.ravel())
 
     def check(self) -> None:
-        """Raise ValueError where the distortion folds the picture: no light gives a pixel there."""
+        """Raise ValueError if the distortion folds the picture, so that no direction maps to some pixels."""
         along = np.linspace(0.0, 1.0, _EDGE)
         ends = np.zeros_like(along), np.ones_like(along)
         u = np.concatenate((along, along, *ends)) * (self.width - 1)
@@ -86,7 +87,7 @@ class Lens(NamedTuple):
             off = np.hypot(back[0] - u, back[1] - v)
         if not bool((off < _FOLDED_PX).all()):
             raise ValueError(
-                "the distortion folds the corners of the picture: no direction gives those pixels; "
+                "the distortion folds the corners of the picture: no direction maps to those pixels; "
                 "check the coefficients, or give a smaller field of view"
             )
 
@@ -94,12 +95,12 @@ class Lens(NamedTuple):
 def lens_of(
     size: tuple[int, int], field_of_view: float, model: Model = "pinhole", coefficients: tuple[float, ...] = ()
 ) -> Lens:
-    """A lens with its axis in the middle of the picture and square pixels.
+    """Return a lens with its axis in the middle of the picture and square pixels.
 
     Args:
         size: width and height.
-        field_of_view: horizontal, between the middles of the outer pixels if there were no distortion but that of a fisheye, rad.
-        model, coefficients: as of `Lens`.
+        field_of_view: horizontal, between the middles of the outer pixels, rad. Distortion does not count, except that of a fisheye.
+        model, coefficients: see `Lens`.
     """
     width, height = size
     half, reach = 0.5 * max(width - 1, 1), 0.5 * field_of_view
@@ -115,16 +116,11 @@ def lens_of(
 
 
 def padded(model: Model, coefficients: tuple[float, ...]) -> tuple[float, ...]:
-    """As many coefficients as a model has; ValueError for more."""
+    """Return coefficients padded with zeros to the number that a model has. Raises ValueError if there are more."""
     wanted = {"pinhole": 0, "brown_conrady": 5, "fisheye": 4}[model]
     if len(coefficients) > wanted:
         raise ValueError(f"{model} has {wanted} coefficients, not {len(coefficients)}")
     return coefficients + (0.0,) * (wanted - len(coefficients))
-
-
-def _distorted(x: FloatArray, y: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
-    radial, dx, dy = _terms(x, y, k)
-    return x * radial + dx, y * radial + dy
 
 
 def _terms(x: FloatArray, y: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -136,7 +132,7 @@ def _terms(x: FloatArray, y: FloatArray, k: tuple[float, ...]) -> tuple[FloatArr
 
 def _undistorted(x: FloatArray, y: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
     ideal_x, ideal_y = x, y
-    with np.errstate(all="ignore"):  # a lens that folds is found by `check`
+    with np.errstate(all="ignore"):  # `check` finds a lens that folds
         for _ in range(STEPS):
             radial, dx, dy = _terms(ideal_x, ideal_y, k)
             ideal_x, ideal_y = (x - dx) / radial, (y - dy) / radial
@@ -144,7 +140,7 @@ def _undistorted(x: FloatArray, y: FloatArray, k: tuple[float, ...]) -> tuple[Fl
 
 
 def _bent(theta: FloatArray, k: tuple[float, ...]) -> FloatArray:
-    """The radius (in focal lengths) at an angle off the axis."""
+    """Return the radius (in focal lengths) at an angle off the axis."""
     s = theta * theta
     bent: FloatArray = theta * (1.0 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3]))))
     return bent

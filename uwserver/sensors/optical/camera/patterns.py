@@ -1,7 +1,6 @@
-"""What is painted on things that have no texture: noise in a few octaves, of sand on the seabed and of growth on what stands in the sea,
-and the tiles of a pool (compiled).
+"""The patterns of things without a texture: sand on the seabed and growth on structures, as noise of a few octaves, and pool tiles (compiled).
 
-Octaves finer than two pixels are left out, so that nothing flickers far away.
+Octaves finer than two pixels are left out, so that distant things do not flicker.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ def _lattice(x: int, y: int, z: int) -> float:
 
 @compiled
 def flat_noise(x: float, y: float) -> float:
-    """Value noise in a plane, 0 to 1, with a lattice of step one."""
+    """Return value noise in a plane, 0 to 1, on a lattice of step one."""
     a, b = math.floor(x), math.floor(y)
     u, v, i, j = x - a, y - b, int(a), int(b)
     u, v = u * u * (3.0 - 2.0 * u), v * v * (3.0 - 2.0 * v)
@@ -43,7 +42,7 @@ def flat_noise(x: float, y: float) -> float:
 
 @compiled
 def noise(x: float, y: float, z: float) -> float:
-    """Value noise in space, 0 to 1."""
+    """Return value noise in space, 0 to 1, on a lattice of step one."""
     a, b, c = math.floor(x), math.floor(y), math.floor(z)
     u, v, w, i, j, k = x - a, y - b, z - c, int(a), int(b), int(c)
     u, v, w = u * u * (3.0 - 2.0 * u), v * v * (3.0 - 2.0 * v), w * w * (3.0 - 2.0 * w)
@@ -59,13 +58,13 @@ def noise(x: float, y: float, z: float) -> float:
 
 @compiled
 def _share(length: float, pixel: float) -> float:
-    """How much of an octave of this length (m) a pixel (m) still shows."""
+    """Return how much of an octave of this length (m) a pixel (m) still shows, 0 to 1."""
     return min(max(0.5 * length / pixel - 0.5, 0.0), 1.0)
 
 
 @inlined
 def seabed(x: float, y: float, pixel: float, colour: Colours) -> Colours:
-    """Sand of a colour: patches of metres, ripples of decimetres, grains and shells of centimetres."""
+    """Return sand of a colour: patches of metres, ripples of decimetres, grains and shells of centimetres."""
     tone = 0.35 * (flat_noise(0.31 * x, 0.31 * y) - 0.5)
     share = _share(0.45, pixel)
     if share > 0.0:
@@ -90,7 +89,7 @@ def seabed(x: float, y: float, pixel: float, colour: Colours) -> Colours:
 
 @inlined
 def grown(x: float, y: float, z: float, up: float, pixel: float, colour: Colours) -> Colours:
-    """A colour below algae and rust, more of them where light falls; `up` is the cosine of the face from straight up."""
+    """Return a colour covered by algae and rust, with more of them on faces that point up. up: cosine of the angle of the face from up."""
     coat = noise(1.3 * x, 1.3 * y, 1.3 * z)
     share = _share(0.14, pixel)
     fine = 0.5
@@ -110,12 +109,12 @@ def grown(x: float, y: float, z: float, up: float, pixel: float, colour: Colours
 
 
 _TILE_M, _GROUT_M = 0.25, 0.01
-"""As the page has them."""
+"""The same as on the page of the web view."""
 
 
 @compiled
 def _grout(x: float, pixel: float) -> float:
-    """How much of a pixel at x lies on lines of grout across x."""
+    """Return how much of a pixel at x lies on lines of grout across x, 0 to 1."""
     cell = x / _TILE_M
     line = _TILE_M * min(cell - math.floor(cell), math.floor(cell) + 1.0 - cell)
     covered = min(max((0.5 * (_GROUT_M + pixel) - line) / max(min(pixel, _GROUT_M), 1e-6), 0.0), 1.0)
@@ -124,12 +123,12 @@ def _grout(x: float, pixel: float) -> float:
 
 @inlined
 def tiles(place: Vec3, normal: Vec3, pixel: float, colour: Colours) -> Colours:
-    """Tiles of 0.25 m with grout between them, no two quite alike, on faces along any two axes; `normal` tells which."""
+    """Return the colour of tiles of 0.25 m with grout between them, slightly different from each other. `normal` gives the plane of the tiles."""
     share = _share(4.0 * _TILE_M, pixel)
     if share <= 0.0:
         return colour
     a, b, c = abs(normal[0]), abs(normal[1]), abs(normal[2])
-    u, v = place[1], place[2]  # across the axis that the face turns to
+    u, v = place[1], place[2]  # coordinates across the axis nearest to the normal
     if c >= a and c >= b:
         u, v = place[0], place[1]
     elif b >= a:
@@ -143,14 +142,14 @@ def tiles(place: Vec3, normal: Vec3, pixel: float, colour: Colours) -> Colours:
 
 @compiled
 def sampled(texels: Array, levels: Array, texture: int, u: float, v: float, blur: float, colour: Colours) -> Colours:
-    """A colour times a texture, which repeats.
+    """Return a colour times a texture, which repeats.
 
     Args:
-        texels, levels: of an atlas.
-        texture: its finest level.
-        u, v: where, 0 to 1 from the upper left.
+        texels, levels: the atlas.
+        texture: number of the finest level of the texture.
+        u, v: texture coordinates, 0 to 1 from the upper left.
         blur: texels of the finest level that a pixel covers.
-        colour: of the face.
+        colour: colour of the face.
     """
     coarser = 0
     while blur > 1.4 and coarser < levels[texture].levels:
@@ -173,7 +172,7 @@ def sampled(texels: Array, levels: Array, texture: int, u: float, v: float, blur
 
 @inlined
 def _texel(texels: Array, c: int, four: tuple[int, int, int, int], p: float, q: float) -> float:
-    """Light of a colour between four texels, upper left to lower right."""
+    """Return the light of one colour, interpolated between four texels, upper left to lower right."""
     top = _LIGHT[texels[four[0], c]] * (1.0 - p) + _LIGHT[texels[four[1], c]] * p
     low = _LIGHT[texels[four[2], c]] * (1.0 - p) + _LIGHT[texels[four[3], c]] * p
     return float(top * (1.0 - q) + low * q)

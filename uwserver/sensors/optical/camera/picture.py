@@ -1,4 +1,4 @@
-"""One picture: from a snapshot of a world to light on the chip. It changes nothing but its own arrays, so a worker may do it."""
+"""Makes a picture: from a snapshot of a world to light on the chip. It only changes its own arrays, so a worker thread can do it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from uwserver.environment.light import AIR, WaterLight
-from uwserver.frames import Quat, Vec3, matrix, multiply, rotate
+from uwserver.frames import Vec3, matrix, multiply, rotate
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.sensors.job import Pieces, whole
 from uwserver.sensors.optical.camera import formation, rays, snow
@@ -24,27 +24,27 @@ from uwserver.sensors.optical.camera.lamps import (
     veil_of,
 )
 from uwserver.sensors.optical.camera.lens import Lens
-from uwserver.sensors.optical.camera.view import View
+from uwserver.sensors.optical.camera.view import View, quat_of
 from uwserver.sensors.optical.camera.visible import Plane, Visible
 from uwserver.sensors.optical.camera.window import WATER_INDEX, FlatPort, Window, outside
 
 _LEAST_LUX = 0.02
-"""Where a lamp brings less, its shadows are not looked for."""
+"""Shadows of a lamp are left out where its light is weaker than this."""
 _SHADOWED = 0.03
-"""Nor where it brings less than this part of the daylight."""
+"""They are also left out where its light is weaker than this part of the daylight."""
 _SNOW_REACH_M = 2.0
 _PIECE = 1 << 15
-"""Pixels, about, of a band of rows, which is cast and lit at once: a few milliseconds."""
+"""Pixels in a band of rows, about. A band is cast and lit in one piece, which takes a few milliseconds."""
 
 
 class Optics:
-    """A lens behind its port: the rays of all pixels, once in water and once in air, and the arrays for one picture at a time."""
+    """A lens behind its port: the rays of all pixels, in water and in air, and the arrays for one picture at a time."""
 
     def __init__(self, lens: Lens, window: Window, snow_density: float = 0.0, seat: Vec3 = (0.0, 0.0, 0.0)) -> None:
-        """For a camera at `seat` of its body (B, m).
+        """Prepare a camera at the position `seat` on its body (B, m).
 
         Raises:
-            ValueError: a pixel gets no light.
+            ValueError: no light reaches a pixel.
         """
         self.lens, self._window, self._seat = lens, window, np.array(seat)
         self._bundles: dict[bool, tuple[Any, Any, Cone]] = {}
@@ -65,7 +65,7 @@ class Optics:
         self._known: tuple[Visible, list[rays.Placed]] | None = None
 
     def _bundle(self, wet: bool) -> tuple[Any, Any, Cone]:
-        """Directions and origins of all pixels in S, float32, and the cone about them."""
+        """Return directions and origins of all pixels in S, float32, and the cone around them."""
         if wet not in self._bundles:
             found = outside(self._window, self._directions, WATER_INDEX if wet else 1.0)
             origin = found.origin if self._window is not None else np.zeros((1, 3))
@@ -77,7 +77,7 @@ class Optics:
         return self._bundles[wet]
 
     def cast(self, view: View) -> Pieces[tuple[FloatArray, Any, Cone]]:
-        """Find what each pixel sees; gives the base of the picture (3, N), THING, and the cone of all rays."""
+        """Find what each pixel sees. Returns the base of the picture (3, N), THING, and the cone of all rays."""
         width, visible = self.lens.width, view.look.made()
         base = np.array(view.first.p)
         table, start, cone = self._bundle(view.depth > 0.0)
@@ -97,7 +97,7 @@ class Optics:
         return base, things, cone
 
     def _scenes(self, view: View) -> list[rays.Placed]:
-        """All that rays are cast at. Of the camera's own vehicle those faces that look towards the camera: it sits inside the others."""
+        """Return the scenes that rays are cast at. Of the camera's own vehicle only faces towards the camera count: it is inside the others."""
         visible, own = view.look.made(), view.own
         if self._known is None or self._known[0] is not visible:
             others = [placed for placed in visible.scenes if own < 0 or visible.rows[placed.thing] != own]
@@ -110,11 +110,11 @@ class Optics:
         return self._known[1]
 
     def form(self, view: View, shadows: bool = True) -> Any:
-        """Radiance (n, 3) of a picture, lux/sr; overwritten by the next one."""
+        """Return the radiance (n, 3) of a picture, lux/sr. The next picture overwrites it."""
         return whole(self.light(view, shadows))
 
     def light(self, view: View, shadows: bool) -> Pieces[Any]:
-        """As `form`."""
+        """Do the same as `form`, in pieces."""
         base, things, _ = yield from self.cast(view)
         lens, buffers, visible = self.lens, self.buffers, view.look.made()
         north, east, down = base.tolist()
@@ -128,7 +128,7 @@ class Optics:
         veil = veil_of(lamps[:0] if water is AIR else lamps, (buffers.origin, buffers.direction), lens.width, water)
         for rows, pixels, part in self._bands:
             formation.form(
-                sea, part.origin, part.direction, part.distance, part.face, visible.faces, things, visible.shifts(),
+                sea, part.origin, part.direction, part.distance, part.face, visible.faces, things, visible.centres,
                 visible.atlas.texels, visible.atlas.levels, lamps, lit, veil, RANGES, lens.width, rows.start, self.radiance[pixels],
             )  # fmt: skip
             yield
@@ -142,7 +142,7 @@ class Optics:
         return self.radiance
 
     def _shadows(self, view: View, things: Any, lamps: Any, lit: Any, water: WaterLight) -> Pieces[None]:
-        """Mark in `lit` what lamps do not reach. A vehicle's own shapes keep none of its own lamps from anything."""
+        """Set `lit` to 0 where lamps do not reach. The shapes of a vehicle cast no shadow of its own lamps."""
         buffers = self.buffers
         if not len(lamps):
             return
@@ -165,11 +165,11 @@ class Optics:
             yield
 
     def depth_mm(self, view: View) -> Any:
-        """(h, w) uint16: distance along the optical axis from the pupil, mm; 0 where nothing is nearer than 65.5 m."""
+        """Return (h, w) uint16: distance along the optical axis from the pupil, mm; 0 if nothing is nearer than 65.5 m."""
         return whole(self.depths(view))
 
     def depths(self, view: View) -> Pieces[Any]:
-        """As `depth_mm`."""
+        """Do the same as `depth_mm`, in pieces."""
         yield from self.cast(view)
         out: Any = np.empty(self.buffers.n, np.uint16)
         table, start, _ = self._bundle(view.depth > 0.0)
@@ -177,11 +177,11 @@ class Optics:
         return out.reshape(self.lens.height, self.lens.width)
 
     def ids(self, view: View) -> tuple[Any, FloatArray]:
-        """(h, w) uint16 ids of the objects, 0 for none; and (objects, 2) pixels of each that are seen, and that would be if it were alone."""
+        """Return (h, w) uint16 ids of the objects, 0 for none; and (objects, 2) visible pixels of each, and the pixels that it would have alone."""
         return whole(self.owners(view))
 
     def owners(self, view: View) -> Pieces[tuple[Any, FloatArray]]:
-        """As `ids`."""
+        """Do the same as `ids`, in pieces."""
         base, things, cone = yield from self.cast(view)
         buffers, visible = self.buffers, view.look.made()
         out: Any = np.empty(buffers.n, np.uint16)
@@ -197,7 +197,7 @@ class Optics:
         for number, thing, scene in visible.alone():
             placed, there = rays.Placed(scene, thing, visible.first_of(thing)), sees == thing
             counts[number, 1] += np.count_nonzero(there)
-            # Nothing stands between a camera and what it is mounted on.
+            # Nothing is between a camera and the body that carries it.
             if visible.rows[thing] == view.own >= 0 or not cone.meets(_balls(placed, things)):
                 continue
             for _, pixels, part in self._bands:
@@ -207,14 +207,14 @@ class Optics:
 
 
 def _meet(part: rays.Buffers, plane: Plane, base: FloatArray) -> None:
-    """Meet a half-space."""
+    """Let the rays of a part hit a half-space."""
     rays.meet_floor(
         part.origin, part.direction, plane.p - base, plane.normal, plane.face, part.distance, part.face
     )  # fmt: skip
 
 
 def _seen_from(cone: Cone, view: View) -> Cone:
-    """The cone in N about the base, of a camera that turns and moves while its rows are read."""
+    """Return the cone in N about the base, widened by the motion of the camera while its rows are read."""
     turned = 2.0 * math.acos(min(abs(float(np.dot(view.first.q, view.last.q))), 1.0))
     return Cone(
         np.array(matrix(view.first.q)) @ cone.axis,
@@ -224,13 +224,13 @@ def _seen_from(cone: Cone, view: View) -> Cone:
 
 
 def _balls(placed: rays.Placed, things: Any) -> Balls:
-    """Balls about the parts of a scene, in N about the base."""
+    """Return the balls around the parts of a scene, in N about the base."""
     centre, radius = placed.scene.balls
     return Balls(centre @ things["R"][placed.thing].T + things["p"][placed.thing], radius)
 
 
 def _rows(view: View, height: int, base: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(h, 3, 3) and (h, 3) pose of the camera about the base when each row is read."""
+    """Return (h, 3, 3) and (h, 3), the pose of the camera about the base when each row is read."""
     R, p = np.empty((height, 3, 3)), np.zeros((height, 3))
     first, last = view.first, view.last
     if first == last:
@@ -248,19 +248,13 @@ def _rows(view: View, height: int, base: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def lamp_rows(view: View, base: FloatArray) -> Any:
-    """LAMP of all lamps that shine."""
+    """Return LAMP (n) of all lamps that shine."""
     rows: Any = np.zeros(len(view.lamps), LAMP)
     for row, lamp in zip(rows, view.lamps, strict=True):
-        x, q_NB = view.state[lamp.row].tolist(), quat(view.state[lamp.row])
+        x, q_NB = view.state[lamp.row].tolist(), quat_of(view.state[lamp.row])
         dx, dy, dz = rotate(q_NB, lamp.p)
         row["p"] = np.array((x[0] + dx, x[1] + dy, x[2] + dz)) - base
         row["axis"] = rotate(multiply(q_NB, lamp.q), (1.0, 0.0, 0.0))
         row["exponent"] = exponent_of(lamp.cone)
         row["candela"], row["row"] = candelas(lamp.lumens, row["exponent"]), lamp.row
     return rows
-
-
-def quat(x: FloatArray) -> Quat:
-    """Attitude of a state (13)."""
-    _, _, _, w, i, j, k = x[:7].tolist()
-    return (w, i, j, k)

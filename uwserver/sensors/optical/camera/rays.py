@@ -1,7 +1,7 @@
-"""Which triangle each pixel sees: rays of a picture against all that stands and moves (compiled but for the engine).
+"""Finds the triangle that each pixel sees: the rays of a picture against everything static and moving (compiled, apart from the engine).
 
-Directions and starts are float32, about a place near the camera; where a ray meets its triangle is worked out in float64. An engine knows no
-instances: what moves has a scene in its own frame, shared by what is alike, and only rays that pass the ball around it go there.
+Directions and starts are float32, about a point near the camera. The distance to the triangle is computed in float64. The engine has no
+instances, so a moving thing has a scene in its own frame, shared by things that are alike. Only rays that pass the ball around it are cast there.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ THING = np.dtype(
     [
         ("R", "f8", (3, 3)),  # attitude of its frame in N
         ("p", "f8", (3,)),  # origin of its faces about the base of the picture, N, m
-        ("id", "i4"),  # in pictures of mode segmentation
-        ("row", "i4"),  # of its body, -1 for what never moves
+        ("id", "i4"),  # id in pictures of mode segmentation
+        ("row", "i4"),  # row of its body, -1 for a thing that never moves
     ]
 )
-"""What faces belong to; made anew for each picture."""
+"""The thing that faces belong to. It is filled in for each picture."""
 
 
 class PickScene(NamedTuple):
-    """Triangles in one frame with what finds the first that a ray meets.
+    """Triangles in one frame, with an engine that finds the first one that a ray hits.
 
     Attributes:
-        picker: of the engine.
-        centre: (3) of its origin in the frame of the things, m.
-        balls: about its parts, from its origin.
-        middle, radius: (3) and m of the ball about all of it, from its origin.
-        triangles: how many.
+        picker: the engine.
+        centre: (3) its origin in the frame of the thing, m.
+        balls: balls around its parts, from its origin.
+        middle, radius: (3) centre and radius of the ball around all of it, from its origin, m.
+        triangles: number of triangles.
     """
 
     picker: Picker
@@ -56,7 +56,7 @@ class Placed(NamedTuple):
         scene: the triangles.
         thing: the row of THING that places it.
         first: its first row of FACE; the others follow.
-        rows: its rows of FACE, where they do not.
+        rows: its rows of FACE, if they are not consecutive.
     """
 
     scene: PickScene
@@ -66,7 +66,7 @@ class Placed(NamedTuple):
 
 
 def pick_scene(corners: FloatArray, centre: FloatArray) -> PickScene:
-    """A scene of triangles (n, 3, 3) about a centre (3)."""
+    """Return a scene of triangles (n, 3, 3) about a centre (3)."""
     about = corners - centre
     flat = about.reshape(-1, 3)
     middle = 0.5 * (flat.min(axis=0) + flat.max(axis=0))
@@ -76,21 +76,21 @@ def pick_scene(corners: FloatArray, centre: FloatArray) -> PickScene:
 
 
 _ROUNDING = 1e-4
-"""m, and of its radius, by which a ball is larger than what it holds: rays are float32."""
+"""A ball is larger than its contents by this length (m) and by this part of its radius, because rays are float32."""
 
 
 class Buffers:
-    """Arrays of one camera for n rays, and its results.
+    """The rays of a camera, and what they hit.
 
     Attributes:
-        origin, direction: (n, 3) float32 of the rays, about the base, N.
-        distance: (n) m, inf where nothing is met; 0 of a ray that begins in a solid.
-        face: (n) row of FACE that is met, -1 for none.
-        piece: rays that may be cast at once.
+        origin, direction: (n, 3) float32, the rays in N about the base.
+        distance: (n) distance of the hit, m; inf for none, 0 for a ray that begins inside a solid.
+        face: (n) row of FACE that is hit, -1 for none.
+        piece: most rays that are cast at once.
     """
 
     def __init__(self, n: int, piece: int) -> None:
-        """For n rays, of which at most so many are cast at once."""
+        """Make the arrays for n rays, of which at most `piece` are cast at once."""
         single, self.n, self.piece = np.float32, n, piece
         self.origin: Any = np.zeros((n, 3), single)
         self.direction: Any = np.zeros((n, 3), single)
@@ -102,7 +102,7 @@ class Buffers:
         self._index: Any = np.empty(piece, np.int32)
 
     def part(self, place: slice) -> Buffers:
-        """Some of the rays, in these arrays."""
+        """Return some of the rays, as views of these arrays."""
         part = copy(self)
         part.origin, part.direction, part.distance, part.face = (
             self.origin[place],
@@ -114,12 +114,12 @@ class Buffers:
         return part
 
     def clear(self) -> None:
-        """Forget what was met."""
+        """Forget all hits."""
         self.distance.fill(math.inf)
         self.face.fill(NOTHING)
 
     def cast(self, placed: Placed, things: Any, faces: Any) -> None:
-        """Meet a scene, before what was met so far."""
+        """Cast the rays at a scene. Hits that are nearer replace those so far."""
         scene, thing = placed.scene, things[placed.thing : placed.thing + 1]
         count = select(
             self.origin, self.direction, self.distance, thing, scene.middle, scene.radius, self._start, self._towards, self._limit,
@@ -134,20 +134,20 @@ class Buffers:
         meet(picked, first, faces, start, towards, self._index, self.distance, self.face)
 
     def count(self, placed: Placed, things: Any, faces: Any, without: Any) -> int:
-        """How many rays but some (n) a scene would meet if it were alone. Forgets what was met."""
+        """Return how many rays, without some (n), would hit a scene that is alone. Forgets all hits."""
         self.clear()
         self.distance[without] = 0.0
         self.cast(placed, things, faces)
         return int(np.count_nonzero(self.face != NOTHING))
 
     def shade(self, placed: Placed, things: Any, points: Any, towards: Any, reach: FloatArray, lit: Any) -> None:
-        """Mark points that a scene keeps a lamp from.
+        """Mark the points that a scene hides from a lamp.
 
         Args:
-            placed, things: as of `cast`.
-            points, towards: (m, 3) float32: starts and directions to the lamp.
-            reach: (m) m to the lamp; 0 where there is no need to look.
-            lit: (m) uint8, becomes 0.
+            placed, things: see `cast`.
+            points, towards: (m, 3) float32, the points and the directions to the lamp.
+            reach: (m) distance of the lamp, m; 0 leaves a point out.
+            lit: (m) uint8, becomes 0 for hidden points.
         """
         scene, thing = placed.scene, things[placed.thing : placed.thing + 1]
         count = select(
@@ -165,10 +165,10 @@ def turn(
     """Turn the rays of a lens into N.
 
     Args:
-        table, start: (n, 3) directions and origins in S; `start` has one row where all begin at the pupil.
-        width: of a row of pixels.
-        R, p: (rows, 3, 3) and (rows, 3): pose of S in N about the base, when each row of pixels is read.
-        origin, direction: (n, 3) receive them.
+        table, start: (n, 3) directions and origins in S. `start` has one row if all rays begin at the pupil.
+        width: pixels in a row.
+        R, p: (rows, 3, 3) and (rows, 3), pose of S in N about the base when each row of pixels is read.
+        origin, direction: (n, 3) receive the rays.
     """
     single = len(start) == 1
     for row in range(len(R)):
@@ -186,7 +186,7 @@ def turn(
 def meet_floor(
     origin: Array, direction: Array, point: Array, normal: Array, face: int, distance: Array, met: Array
 ) -> None:  # fmt: skip
-    """Meet the plane of a half-space through a point, from outside."""
+    """Let rays hit the plane of a half-space through a point, from outside."""
     a, b, c = normal[0], normal[1], normal[2]
     for k in range(len(distance)):
         approach = a * direction[k, 0] + b * direction[k, 1] + c * direction[k, 2]
@@ -202,17 +202,17 @@ def select(
     origin: Array, direction: Array, distance: Array, thing: Array, middle: Array, radius: float, start: Array, towards: Array,
     limit: Array, index: Array,
 ) -> int:  # fmt: skip
-    """Bring rays that pass a ball, before what they have met, into its frame.
+    """Select the rays that pass through a ball before their present hit, and transform them into the frame of the thing.
 
     Args:
-        origin, direction: (n, 3) of the rays.
-        distance: (n) of what they have met, m; 0 leaves a ray out.
+        origin, direction: (n, 3) the rays.
+        distance: (n) distance of their hits, m; 0 leaves a ray out.
         thing: (1) THING that places the ball.
-        middle, radius: (3) and m of it, from the origin of the thing.
-        start, towards, limit, index: (n) receive those rays, and which they are.
+        middle, radius: (3) centre and radius of the ball, from the origin of the thing, m.
+        start, towards, limit, index: (n) receive these rays, and their numbers.
 
     Returns:
-        How many.
+        The number of selected rays.
     """
     R, p, count, square = thing[0].R, thing[0].p, 0, radius * radius
     i, j, h = middle[0], middle[1], middle[2]
@@ -239,14 +239,14 @@ def select(
 def meet(
     picked: Array, first: int, faces: Array, start: Array, towards: Array, index: Array, distance: Array, met: Array
 ) -> None:  # fmt: skip
-    """Where rays meet the triangles that the engine has picked.
+    """Find the distances at which rays hit the triangles that the engine has picked.
 
     Args:
-        picked: (m) of a scene, -1 for none.
+        picked: (m) triangles of a scene, -1 for none.
         first: the first row of the scene in `faces`.
         faces: FACE.
-        start, towards, index: (m) as `select` leaves them.
-        distance, met: (n) of all rays, follow.
+        start, towards, index: (m) results of `select`.
+        distance, met: (n) hits of all rays, are updated.
     """
     for m in range(len(picked)):
         if picked[m] >= 0:
@@ -256,20 +256,20 @@ def meet(
 
 
 _FEW = 61
-"""Of so many rays one is looked at first; no divisor of the width of a picture, so that they are spread over it."""
+"""One in this number of rays is tried first. It does not divide the width of a picture, so that these rays are spread over it."""
 
 
 @entry
 def bury(direction: Array, faces: Array, things: Array, distance: Array, met: Array) -> None:
-    """Rays that would leave a closed solid began in it: it is dark there, and they end where they begin.
+    """Find rays that leave a closed solid. They began inside it, where it is dark, so they end where they begin.
 
     Args:
-        direction: (n, 3) of the rays.
+        direction: (n, 3) directions of the rays.
         faces, things: FACE and THING.
-        distance, met: (n) of all rays; those become 0 and NOTHING.
+        distance, met: (n) hits of all rays; for those rays they become 0 and NOTHING.
     """
     inside = False
-    for k in range(0, len(met), _FEW):  # inside, nearly all rays leave
+    for k in range(0, len(met), _FEW):  # if the camera is inside, nearly all rays leave
         inside = inside or _leaves(direction[k], faces, things, met[k])
     if inside:
         for k in range(len(met)):
@@ -279,7 +279,7 @@ def bury(direction: Array, faces: Array, things: Array, distance: Array, met: Ar
 
 @compiled
 def _leaves(d: Array, faces: Array, things: Array, met: int) -> bool:
-    """Whether a ray meets a closed solid from inside."""
+    """Return whether a ray hits a closed solid from inside."""
     if met < 0 or faces[met].sided != CLOSED:
         return False
     face = faces[met]
@@ -295,7 +295,7 @@ def _leaves(d: Array, faces: Array, things: Array, met: int) -> bool:
 
 @compiled
 def _reached(corners: Array, o: Array, d: Array) -> float:
-    """How far along a ray the plane of a triangle is; negative where it never meets it."""
+    """Return the distance along a ray to the plane of a triangle; negative if it never gets there."""
     ax, ay, az = float(corners[0, 0]), float(corners[0, 1]), float(corners[0, 2])
     ux, uy, uz = corners[1, 0] - ax, corners[1, 1] - ay, corners[1, 2] - az
     vx, vy, vz = corners[2, 0] - ax, corners[2, 1] - ay, corners[2, 2] - az
@@ -308,7 +308,7 @@ def _reached(corners: Array, o: Array, d: Array) -> float:
 
 @entry
 def darken(picked: Array, index: Array, lit: Array) -> None:
-    """Rays (m) that met something are in its shadow."""
+    """Mark rays (m) that hit something as being in shadow."""
     for m in range(len(picked)):
         if picked[m] >= 0:
             lit[index[m]] = 0
@@ -316,12 +316,12 @@ def darken(picked: Array, index: Array, lit: Array) -> None:
 
 @entry
 def depths(table: Array, start: Array, distance: Array, out: Array) -> None:
-    """Distances of what rays meet along the optical axis, mm in 16 bits; 0 where there is nothing, or farther than they tell.
+    """Find the distances of hits along the optical axis, mm in 16 bits; 0 if there is no hit, or if it is too far for 16 bits.
 
     Args:
-        table, start: as of `turn`.
-        distance: (n) along the rays.
-        out: (n) uint16, receives them.
+        table, start: see `turn`.
+        distance: (n) distances along the rays, m.
+        out: (n) uint16, receives the distances.
     """
     single = len(start) == 1
     for k in range(len(out)):
@@ -331,6 +331,6 @@ def depths(table: Array, start: Array, distance: Array, out: Array) -> None:
 
 @entry
 def owners(met: Array, faces: Array, things: Array, out: Array) -> None:
-    """Ids (n, uint16) of the objects that rays meet; 0 for none."""
+    """Find the ids (n, uint16) of the objects that rays hit; 0 for none."""
     for k in range(len(out)):
         out[k] = things[faces[met[k]].thing].id if met[k] >= 0 else 0

@@ -1,6 +1,6 @@
-"""Marine snow: flakes that stand in the water before the camera, lit as the water is (compiled).
+"""Marine snow: flakes in the water in front of the camera, lit like the water (compiled).
 
-Flakes are those of a cube that repeats through all of the sea and drifts with the current, so they stay where they are when the camera moves.
+The flakes fill a cube that repeats through the whole sea and drifts with the current. So they stay in place when the camera moves.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ ALBEDO = 0.35
 
 
 def flakes(density: float) -> FloatArray:
-    """(n, 4) places in the cube, m, and radii, m, of so many a cubic metre: 0.5 to 3 mm across, small ones more often."""
+    """Return (n, 4) positions in the cube, m, and radii, m, for a density per cubic metre. Diameters are 0.5 to 3 mm, mostly small."""
     rng = np.random.Generator(np.random.PCG64(7))
     n = round(min(density, 1e5) * CUBE_M**3)
     places = rng.random((n, 3)) * CUBE_M
@@ -32,7 +32,7 @@ def flakes(density: float) -> FloatArray:
 
 
 def drifted(base: tuple[float, float, float], current: tuple[float, float, float], t: float) -> FloatArray:
-    """Where the base of a picture is in the cube that has drifted with the current (m/s, N) for t (s)."""
+    """Return the position of the base of a picture in the cube, which has drifted with the current (m/s, N) for t (s)."""
     x = [(p - v * t) % CUBE_M for p, v in zip(base, current, strict=True)]
     x[2] = (x[2] - _SINKING_MPS * t) % CUBE_M
     return np.array(x)
@@ -43,23 +43,23 @@ def add_flakes(
     flakes: Array, base: Array, cube: float, R: Array, lens: Array, width: int, height: int, reach: float, sea: Array, lamps: Array,
     distance: Array, albedo: float, radiance: Array,
 ) -> int:  # fmt: skip
-    """Draw what is nearer than the things behind it.
+    """Draw the flakes that are nearer than the things behind them.
 
     Args:
-        flakes: (n, 4).
-        base: (3) of the picture in the cube, see `drifted`.
-        cube: its side, m.
+        flakes: (n, 4), see `flakes`.
+        base: (3) base of the picture in the cube, see `drifted`.
+        cube: side of the cube, m.
         R: (3, 3) attitude of S in N.
-        lens: (4) focal lengths in water and principal point, pixels; near enough for specks.
-        width, height: of the picture.
-        reach: m; farther ones are too small.
-        sea, lamps: of `formation.form`.
-        distance: (n) of the pixels.
-        albedo: of a flake.
-        radiance: (n, 3), to which they are added by the part of a pixel that they cover.
+        lens: (4) focal lengths in water and principal point, pixels; accurate enough for specks.
+        width, height: size of the picture, pixels.
+        reach: distance beyond which flakes are too small, m.
+        sea, lamps: see `formation.form`.
+        distance: (n) distance of what each pixel sees, m.
+        albedo: albedo of a flake.
+        radiance: (n, 3), to which each flake is added in proportion to the part of a pixel that it covers.
 
     Returns:
-        How many are drawn.
+        The number of flakes that are drawn.
     """
     s, drawn = sea[0], 0
     half = 0.5 * cube
@@ -80,7 +80,7 @@ def add_flakes(
         if not (-size <= u <= width - 1 + size and -size <= v <= height - 1 + size):
             continue
         cover = min((lens[0] * flakes[m, 3] / ahead) ** 2 / (size * size), 1.0)
-        # What is out of focus near by is spread.
+        # Near flakes are out of focus.
         blur = min(0.006 * lens[0] * max(0.12 / ahead - 0.3, 0.0), 8.0)
         cover *= size * size / ((size + blur) * (size + blur))
         _draw(s, lamps, x, far, u, v, size + blur, cover, width, height, distance, albedo, radiance)
@@ -93,7 +93,7 @@ def _draw(
     s: Any, lamps: Array, x: Array, far: float, u: float, v: float, size: float, cover: float, width: int, height: int, distance: Array,
     albedo: float, radiance: Array,
 ) -> None:  # fmt: skip
-    """One flake: a soft disc of `size` pixels about (u, v)."""
+    """Draw a flake: a soft disc of radius `size` (pixels) about (u, v)."""
     glow = np.empty(3)
     for i in range(3):
         glow[i] = 0.5 * s.above * s.entered * math.exp(-s.fading[i] * max(x[2] - s.surface, 0.0))

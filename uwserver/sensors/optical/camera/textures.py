@@ -1,4 +1,4 @@
-"""Textures: pictures on triangles, kept in one array with coarser copies of each, so that what is far away does not flicker."""
+"""Textures, the pictures on triangles. One array holds them with coarser copies of each, so that distant things do not flicker."""
 
 from __future__ import annotations
 
@@ -10,40 +10,40 @@ import numpy as np
 import numpy.typing as npt
 
 MOST_PIXELS = 4096 * 4096
-"""Of one picture."""
+"""Most pixels of one picture."""
 MOST_BYTES = 256 << 20
-"""Of all pictures of a world together."""
+"""Most bytes of all pictures of a world."""
 
 LEVEL = np.dtype([("first", "i8"), ("width", "i8"), ("height", "i8"), ("levels", "i8")])
-"""A picture or a coarser copy: its first texel, its size, and how many copies follow it, each half as large."""
+"""A picture or a coarser copy: its first texel, its size, and how many coarser copies follow, each half as large."""
 
 Picture = npt.NDArray[np.uint8]
 """(h, w, 3) sRGB."""
 
 
 class BadTexture(ValueError):
-    """A picture that cannot be used; the text says why and what to do."""
+    """A picture that cannot be used. The text says why and what to do."""
 
 
 class Room:
-    """Bytes that pictures may still take. What is taken stays so, decoded or not, so that bad pictures cost no more than good ones."""
+    """Bytes that pictures may still take. Pictures that fail to decode count too, so that bad pictures cost no more than good ones."""
 
     def __init__(self, left: int = MOST_BYTES) -> None:
-        """Of all things of a world together."""
+        """left: bytes for the pictures of all things of a world."""
         self.left = left
 
     def take(self, size: int) -> None:
-        """BadTexture where there is not so much."""
+        """Take bytes, or raise BadTexture if there are not enough."""
         if size > self.left:
             raise BadTexture(f"the textures of all things have more than {MOST_BYTES >> 20} MB: make them smaller")
         self.left -= size
 
 
 def decoded(data: bytes, room: Room) -> Picture:
-    """The pixels of a PNG or JPEG file. Its size is known before they are decoded.
+    """Return the pixels of a PNG or JPEG file. The size is checked before they are decoded.
 
     Raises:
-        BadTexture: it is none, is too large, there is no room left, or what reads it is not installed.
+        BadTexture: the file is no such picture or too large, there is no room left, or the library that reads it is not installed.
     """
     try:
         from PIL import Image
@@ -66,12 +66,12 @@ class Atlas:
     """All textures of a world.
 
     Attributes:
-        levels: LEVEL (n); the number of a texture is that of its finest one.
+        levels: LEVEL (n). The number of a texture is that of its finest level.
         texels: (m, 3) sRGB.
     """
 
     def __init__(self, pictures: Sequence[Picture] = ()) -> None:
-        """Raises BadTexture if they are too many."""
+        """Raises BadTexture if there are too many pictures."""
         rows: list[tuple[int, int, int, int]] = []
         parts: list[npt.NDArray[np.uint8]] = []
         self.numbers: list[int] = []
@@ -90,7 +90,7 @@ class Atlas:
 
 
 def _chain(picture: Picture) -> list[Picture]:
-    """A picture and its halves, down to one texel, averaged as light."""
+    """Return a picture and its coarser copies, down to one texel. They are averaged as light, not as sRGB values."""
     chain = [np.ascontiguousarray(picture)]
     light = LINEAR[picture]
     while max(light.shape[:2]) > 1:
@@ -103,17 +103,13 @@ def _chain(picture: Picture) -> list[Picture]:
     return chain
 
 
-def _linear() -> npt.NDArray[np.float32]:
-    x = np.arange(256) / 255.0
-    return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4).astype(np.float32)
-
-
-LINEAR = _linear()
-"""(256) light of each sRGB value (IEC 61966-2-1), 0 to 1."""
+_CODES = np.arange(256) / 255.0
+LINEAR = np.where(_CODES <= 0.04045, _CODES / 12.92, ((_CODES + 0.055) / 1.055) ** 2.4).astype(np.float32)
+"""(256) the light of each sRGB value, 0 to 1 (IEC 61966-2-1)."""
 
 
 def encoded(light: npt.NDArray[np.float32]) -> Picture:
-    """Linear light 0..1 as sRGB."""
+    """Return linear light, 0 to 1, as sRGB values."""
     x = np.clip(light, 0.0, 1.0)
     curve = np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.power(x, 1.0 / 2.4) - 0.055)
     return np.rint(255.0 * curve).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""What a picture is made of."""
+"""What a picture is made of: an instant of the world, and the pose of the camera."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from uwserver.physics.kernel.arrays import FloatArray
 
 
 class Pose(NamedTuple):
-    """Of a camera: p_NS (m) and q_NS."""
+    """The pose of a camera: p_NS (m) and q_NS."""
 
     p: Vec3
     q: Quat
 
 
 class View(NamedTuple):
-    """What a picture is made of, copied from the world at one instant.
+    """Everything that a picture is made of, copied from the world at one instant.
 
     Attributes:
         t: simulation time, s.
-        look: a `visible.Look` at what there is.
-        state: (n, 13) of the bodies.
+        look: a `visible.Look` at the things.
+        state: (n, 13) state of the bodies.
         first, last: poses of the camera when the first and the last row of pixels are read.
-        depth: of the camera below the surface, m; negative in air.
+        depth: depth of the camera below the surface, m; negative in air.
         water, day: light.
-        lamps: `lamps.LampAt` of all that shine.
-        current: of the water, m/s, N.
+        lamps: `lamps.LampAt` of all lamps that shine.
+        current: current of the water, m/s in N.
         own: row of the camera's vehicle; -1 for none.
     """
 
@@ -42,3 +42,9 @@ class View(NamedTuple):
     lamps: tuple[Any, ...] = ()
     current: Vec3 = (0.0, 0.0, 0.0)
     own: int = -1
+
+
+def quat_of(x: FloatArray) -> Quat:
+    """Return the attitude of a state (13)."""
+    w, i, j, k = x[3:7].tolist()
+    return (w, i, j, k)

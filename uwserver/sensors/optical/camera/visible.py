@@ -1,4 +1,4 @@
-"""All that cameras see of a world: triangles with their paint, and scenes to cast rays at; made anew when bodies come or go."""
+"""Everything that cameras see of a world: painted triangles, and scenes to cast rays at. It is rebuilt when bodies are added or removed."""
 
 from __future__ import annotations
 
@@ -7,27 +7,29 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from uwserver.frames import matrix
 from uwserver.physics.geometry.shapes import Solid
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.sensors.optical.camera.faces import FACE, Paint, blank_faces, floors, solid_faces
 from uwserver.sensors.optical.camera.gltf import BadLooks, Looks, read_glb
 from uwserver.sensors.optical.camera.rays import THING, PickScene, Placed, pick_scene
 from uwserver.sensors.optical.camera.textures import Atlas, BadTexture, Picture, Room
+from uwserver.sensors.optical.camera.view import quat_of
 
 LATTICE_M = 1024.0
-"""Between centres of scenes of what never moves, so that something far away makes nothing near by coarser."""
+"""Distance between the centres of static scenes. With one scene for all, float32 would be coarse if something is far away."""
 
 
 class Seen(NamedTuple):
     """One thing of a world.
 
     Attributes:
-        name: of the structure or body.
-        solid: its shapes, in N or B; None for one that has looks alone.
-        paint: of these.
-        looks: a .glb file that is shown instead, b"" for none.
-        row: of its body, -1 for what never moves.
-        p, R: where looks lie in the frame of the solid.
+        name: name of the structure or body.
+        solid: its shapes, in N or B; None if it has only looks.
+        paint: paint of the shapes.
+        looks: a .glb file that is shown instead of the shapes; b"" for none.
+        row: row of its body; -1 for a thing that never moves.
+        p, R: pose of the looks in the frame of the solid.
     """
 
     name: str
@@ -40,7 +42,7 @@ class Seen(NamedTuple):
 
 
 class Plane(NamedTuple):
-    """A half-space: a point of it and its normal, N; its face."""
+    """A half-space: a point of its plane and its normal, in N; and its rows of FACE and THING."""
 
     p: FloatArray
     normal: FloatArray
@@ -49,7 +51,7 @@ class Plane(NamedTuple):
 
 
 class Models:
-    """Faces of what was seen before, so that what is alike shares them, and nothing is worked out twice."""
+    """The faces and scenes of all models so far. Things that are alike share them, and nothing is computed twice."""
 
     def __init__(self) -> None:
         self._faces: dict[tuple[int, int], tuple[object, Any, list[Picture]]] = {}
@@ -59,11 +61,11 @@ class Models:
 
     @property
     def faults(self) -> list[str]:
-        """What could not be shown as it is."""
+        """Texts about things that cannot be shown as they are."""
         return [*self._faults]
 
     def faces(self, seen: Seen) -> tuple[Any, list[Picture]]:
-        """FACE in the frame of its solid, and its pictures."""
+        """Return FACE (n) in the frame of the solid, and the pictures of the textures."""
         key = id(seen.looks), id(seen.solid)
         if key not in self._faces:
             self._faces[key] = ((seen.looks, seen.solid), *self._made(seen))
@@ -85,7 +87,7 @@ class Models:
         return (blank_faces(0) if seen.solid is None else solid_faces(seen.solid, seen.paint)), []
 
     def moving(self, faces: Any) -> PickScene:
-        """The scene of what moves, in its own frame."""
+        """Return the scene of a moving thing, in its own frame."""
         if id(faces) not in self._scenes:
             corners = faces["corners"].astype(np.float64)
             flat = corners.reshape(-1, 3)
@@ -93,7 +95,7 @@ class Models:
         return self._scenes[id(faces)][1]
 
     def atlas(self, pictures: Sequence[Picture]) -> Atlas:
-        """All pictures; none where they are too many."""
+        """Return the atlas of all pictures, or an empty one if they are too large."""
         try:
             return Atlas(pictures)
         except BadTexture as error:
@@ -102,56 +104,56 @@ class Models:
 
 
 class Look:
-    """At all things of one moment, from which faces are made by who looks first: the thread that makes pictures."""
+    """All things at one moment. The thread that makes pictures builds the catalogue when it is first used."""
 
     def __init__(self, things: Iterable[Seen], models: Models) -> None:
         self._things, self._models = tuple(things), models
         self._made: Visible | None = None
 
     def made(self) -> Visible:
-        """The catalogue. In one thread at a time."""
+        """Return the catalogue. Call it in one thread at a time."""
         if self._made is None:
             self._made = Visible(self._things, self._models)
         return self._made
 
 
 class Watch:
-    """Looks at things that come and go."""
+    """Gives the present `Look` while things are added and removed."""
 
     def __init__(self, things: Callable[[], Iterable[Seen]], who: Callable[[], Hashable]) -> None:
-        """things: tells all that can be seen; `who`: another value when bodies came or went."""
+        """things: returns everything that can be seen; who: returns another value after bodies were added or removed."""
         self._things, self._who, self._models = things, who, Models()
         self._look: tuple[Hashable, Look] | None = None
 
     def look(self) -> Look:
-        """At all that is there now; the same until bodies come or go."""
+        """Return the look at everything that is there now. It stays the same object until bodies are added or removed."""
         who = self._who()
         if self._look is None or self._look[0] != who:
             self._look = who, Look(self._things(), self._models)
         return self._look[1]
 
     def faults(self) -> list[str]:
-        """What cannot be shown as it is, as texts; makes what is looked at. Before anything runs."""
+        """Build the catalogue, and return texts about what cannot be shown as it is. Call it before the world runs."""
         self.look().made()
         return self._models.faults
 
 
 class Visible:
-    """A catalogue of faces, and how to place them.
+    """The catalogue of faces, and how to place them in a picture.
 
     Attributes:
-        names: of the objects, by id; id 0 is none.
-        faces: FACE of all.
-        scenes: what rays are cast at.
-        planes: half-spaces.
+        names: names of the objects, by id; id 0 means none.
+        faces: FACE of everything.
+        scenes: the scenes that rays are cast at.
+        planes: the half-spaces.
         rows: (things) row of the body that carries each, -1 for none.
-        centres: (things, 3) of the faces in the frame of the body, or in N.
-        ids: (things) of the objects.
-        atlas: of the textures.
+        centres: (things, 3) origin of the faces in the frame of the body, or in N.
+        ids: (things) ids of the objects.
+        atlas: the textures.
     """
 
     def __init__(self, things: Iterable[Seen], models: Models) -> None:
-        """Of these things, with the models that are known."""
+        """Build the catalogue of these things, with models that may be known already."""
         self.names: list[str] = [""]
         self._parts: list[Any] = []
         self._count = 0
@@ -175,11 +177,13 @@ class Visible:
             if len(faces):
                 flat = faces["corners"].reshape(-1, 3).astype(np.float64)
                 about = LATTICE_M * np.round(0.5 * (flat.min(axis=0) + flat.max(axis=0)) / LATTICE_M)
-                faces["thing"] = number  # for now
+                faces["thing"] = number  # `_stand` replaces it by the row of THING
                 still.setdefault(tuple(about.tolist()), []).append(faces)
         for about_m, parts in still.items():
             self._stand(np.array(about_m), parts)
-        self.scenes.sort(key=lambda placed: self._places[placed.thing][0] >= 0)  # the most is met first
+        self.scenes.sort(
+            key=lambda placed: self._places[placed.thing][0] >= 0
+        )  # static scenes first: they stop most rays
         self.faces: Any = np.concatenate(self._parts) if self._parts else np.zeros(0, FACE)
         self.rows: IntArray = np.array([row for row, _, _ in self._places], np.int64)
         self.centres: FloatArray = np.array([centre for _, centre, _ in self._places]).reshape(-1, 3)
@@ -190,7 +194,7 @@ class Visible:
         self.faces["texture"] = number_of[np.where(wanted < len(self.atlas.numbers), wanted, -1)]
 
     def _numbered(self, faces: Any, pictures: list[Picture]) -> Any:
-        """A copy, whose textures are numbered among all."""
+        """Return a copy whose textures have numbers among all textures."""
         faces = faces.copy()
         faces["texture"] = np.where(faces["texture"] >= 0, faces["texture"] + len(self._pictures), -1)
         self._pictures += pictures
@@ -213,7 +217,7 @@ class Visible:
         self.scenes.append(Placed(scene, thing, self._add(faces)))
 
     def _stand(self, about: FloatArray, parts: list[Any]) -> None:
-        """One scene of all that stands about a place of the lattice."""
+        """Add one scene of all static things around a point of the lattice."""
         first, things = self._count, []
         for faces in parts:
             number = int(faces["thing"][0])
@@ -226,7 +230,7 @@ class Visible:
         self.scenes.append(Placed(scene._replace(centre=about), things[0], first))
 
     def _lay(self, seen: Seen, number: int) -> None:
-        """The half-spaces of a thing, each with a face that stands for all of it."""
+        """Add the half-spaces of a thing. Each has one face that stands for all of it."""
         assert seen.solid is not None
         for floor in floors(seen.solid, seen.paint):
             thing = self._place(-1, floor.p, number)
@@ -239,7 +243,7 @@ class Visible:
             self.planes.append(Plane(floor.p, floor.normal, self._add(face), thing))
 
     def alone(self) -> list[tuple[int, int, PickScene]]:
-        """Each meshed part of an object by itself: id, row of THING, and its scene; made when somebody asks first."""
+        """Return each meshed thing by itself: id, row of THING, and scene. They are built at the first call."""
         if self._alone is None:
             self._alone = []
             of = self.faces["thing"]
@@ -251,7 +255,7 @@ class Visible:
         return self._alone
 
     def facing(self, placed: Placed, point: FloatArray) -> Placed | None:
-        """Those faces of a moving scene that look towards a point (3) of its body, or have no back; None for none."""
+        """Return the faces of a moving scene that face a point (3) of its body or are two-sided; None if there are none."""
         faces = self.faces[placed.first : placed.first + placed.scene.triangles]
         corners = faces["corners"].astype(np.float64)
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -263,32 +267,21 @@ class Visible:
         return Placed(scene, placed.thing, placed.first, placed.first + rows)
 
     def first_of(self, thing: int) -> int:
-        """The first row of FACE of a row of THING."""
+        """Return the first row of FACE of a row of THING."""
         return int(np.argmax(self.faces["thing"] == thing))
 
     def placed(self, state: FloatArray, base: FloatArray) -> Any:
-        """THING of a picture.
+        """Return THING of a picture.
 
         Args:
-            state: (m, 13) of the bodies.
-            base: (3) of the picture, N.
+            state: (m, 13) state of the bodies.
+            base: (3) base of the picture, m in N.
         """
         things: Any = np.zeros(len(self.rows), THING)
         things["id"], things["row"], things["R"] = self.ids, self.rows, np.eye(3)
         things["p"] = self.centres - base
         for k in np.flatnonzero(self.rows >= 0):
             x = state[self.rows[k]]
-            R = _matrix(x[3:7])
+            R = np.array(matrix(quat_of(x)))
             things["R"][k], things["p"][k] = R, x[0:3] + R @ self.centres[k] - base
         return things
-
-    def shifts(self) -> FloatArray:
-        """(things, 3) by which the frame of their faces lies off that of their patterns, m."""
-        return self.centres
-
-
-def _matrix(q: FloatArray) -> FloatArray:
-    from uwserver.frames import matrix
-
-    w, x, y, z = q.tolist()
-    return np.array(matrix((w, x, y, z)))

@@ -1,73 +1,76 @@
 """Ports, the windows of camera housings: where a ray that enters the lens comes from in the water.
 
-A ray is followed from the entrance pupil, the origin of S, out of the housing. Behind a flat port it is bent away, and no two rays meet in one
-point (T. Treibitz et al., Flat refractive geometry, IEEE PAMI 34 (2012) 51): so each pixel has an origin beside its direction. A dome changes
-nothing where its centre is the pupil.
+A ray is followed from the entrance pupil, the origin of S, out of the housing. A flat port bends rays so that they do not meet in one point
+(T. Treibitz et al., Flat refractive geometry, IEEE PAMI 34 (2012) 51), so each pixel has an origin as well as a direction. A dome bends nothing
+if its centre is the pupil.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
+from msgspec import Meta
 
 from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.table import Table
 
 WATER_INDEX = 1.34
-"""Of sea water in green light (X. Quan and E. S. Fry, Appl. Opt. 34 (1995) 3477: 1.339 to 1.343 at 35, 10 degC)."""
+"""Refractive index of sea water in green light (X. Quan and E. S. Fry, Appl. Opt. 34 (1995) 3477: 1.339 to 1.343 at 35, 10 degC)."""
 ACRYLIC_INDEX = 1.49
 
 
-class FlatPort(NamedTuple):
-    """A plane window across the optical axis.
+_Index = Annotated[float, Meta(ge=1, le=3)]
+
+
+class FlatPort(Table, tag="flat", tag_field="kind", kw_only=True, frozen=True):
+    """A plane window across the optical axis. The picture shrinks by a third, and more towards its corners.
 
     Attributes:
-        distance: of its inner face from the pupil, m.
-        thickness: m.
-        refraction: index of its material.
+        distance_m: distance of its inner face from the entrance pupil.
+        thickness_m, index: thickness and refractive index of the window.
     """
 
-    distance: float
-    thickness: float = 0.0
-    refraction: float = ACRYLIC_INDEX
+    distance_m: Annotated[float, Meta(ge=0, le=1)] = 0.01
+    thickness_m: Annotated[float, Meta(ge=0, le=0.5)] = 0.005
+    index: _Index = ACRYLIC_INDEX
 
 
-class DomePort(NamedTuple):
+class DomePort(Table, tag="dome", tag_field="kind", kw_only=True, frozen=True):
     """A spherical window.
 
     Attributes:
-        radius: of its outer face, m.
-        thickness: m.
-        offset: of its centre ahead of the pupil, m.
-        refraction: index of its material.
+        radius_m: radius of its outer face.
+        thickness_m, index: thickness and refractive index of its wall.
+        offset_m: distance of its centre ahead of the entrance pupil. With 0 it bends no light.
     """
 
-    radius: float
-    thickness: float = 0.0
-    offset: float = 0.0
-    refraction: float = ACRYLIC_INDEX
+    radius_m: Annotated[float, Meta(gt=0, le=1)] = 0.05
+    thickness_m: Annotated[float, Meta(ge=0, le=0.2)] = 0.003
+    offset_m: Annotated[float, Meta(ge=-1, le=1)] = 0.0
+    index: _Index = ACRYLIC_INDEX
 
 
 Window = FlatPort | DomePort | None
 
 
 class Bundle(NamedTuple):
-    """Rays in the water, in S: origins (n, 3), m, and unit directions (n, 3)."""
+    """Rays outside the housing, in S: origins (n, 3), m, and unit directions (n, 3)."""
 
     origin: FloatArray
     direction: FloatArray
 
 
 def outside(window: Window, direction: FloatArray, water: float = WATER_INDEX) -> Bundle:
-    """Rays outside the housing.
+    """Return the rays outside the housing.
 
     Args:
-        window: None where the lens is in the water, as of a camera that was calibrated there.
-        direction: (n, 3) unit, behind the window.
-        water: index of what is outside; 1 for a camera in air.
+        window: None if the lens is in the water, or if the camera was calibrated in water.
+        direction: (n, 3) unit directions inside the housing.
+        water: refractive index of the medium outside; 1 for a camera in air.
 
     Raises:
-        ValueError: a ray does not come through.
+        ValueError: a ray does not get through.
     """
     if window is None:
         return Bundle(np.zeros_like(direction), direction.copy())
@@ -78,27 +81,27 @@ def outside(window: Window, direction: FloatArray, water: float = WATER_INDEX) -
             )
         axis = np.zeros_like(direction)
         axis[:, 0] = 1.0
-        at = direction * (window.distance / direction[:, :1])
-        inside = bent(direction, axis, 1.0 / window.refraction)
-        at = at + inside * (window.thickness / inside[:, :1])
-        return Bundle(at, bent(inside, axis, window.refraction / water))
-    inner = window.radius - window.thickness
-    if not abs(window.offset) < inner:
+        at = direction * (window.distance_m / direction[:, :1])
+        inside = bent(direction, axis, 1.0 / window.index)
+        at = at + inside * (window.thickness_m / inside[:, :1])
+        return Bundle(at, bent(inside, axis, window.index / water))
+    inner = window.radius_m - window.thickness_m
+    if not abs(window.offset_m) < inner:
         raise ValueError("the pupil lies outside the dome: give a smaller offset or thickness")
-    centre = np.array((window.offset, 0.0, 0.0))
+    centre = np.array((window.offset_m, 0.0, 0.0))
     at, inside = np.zeros_like(direction), direction
-    for radius, ratio in ((inner, 1.0 / window.refraction), (window.radius, window.refraction / water)):
+    for radius, ratio in ((inner, 1.0 / window.index), (window.radius_m, window.index / water)):
         at = at + inside * _reach(at - centre, inside, radius)
         inside = bent(inside, (at - centre) / radius, ratio)
     return Bundle(at, inside)
 
 
 def bent(direction: FloatArray, normal: FloatArray, ratio: float) -> FloatArray:
-    """Unit directions (n, 3) behind a face (Snell), whose unit normals (n, 3) point the way that the light is followed.
+    """Return unit directions (n, 3) after a face (Snell), whose unit normals (n, 3) point in the direction in which rays are followed.
 
     Args:
         direction, normal: of each ray.
-        ratio: index before the face over that behind it.
+        ratio: refractive index before the face over the index after it.
     """
     along = np.einsum("ij,ij->i", direction, normal)[:, None]
     square = 1.0 - ratio * ratio * (1.0 - along * along)
@@ -109,7 +112,7 @@ def bent(direction: FloatArray, normal: FloatArray, ratio: float) -> FloatArray:
 
 
 def _reach(start: FloatArray, direction: FloatArray, radius: float) -> FloatArray:
-    """(n, 1) how far rays from inside a sphere about zero go to it."""
+    """Return (n, 1) the distance from points inside a sphere about zero to the sphere, along rays."""
     b = np.einsum("ij,ij->i", start, direction)
     c = np.einsum("ij,ij->i", start, start) - radius * radius
     reach: FloatArray = (-b + np.sqrt(b * b - c))[:, None]

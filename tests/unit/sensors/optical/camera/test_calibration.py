@@ -7,8 +7,7 @@ import pytest
 
 from uwserver.sensors import CameraConfig
 from uwserver.sensors.optical.camera.calibration import as_opencv, as_ros, calibration
-from uwserver.sensors.optical.camera.config import DomeTable, FlatTable
-from uwserver.sensors.optical.camera.window import WATER_INDEX, outside
+from uwserver.sensors.optical.camera.window import WATER_INDEX, DomePort, FlatPort, outside
 
 
 def config(**keys: object) -> CameraConfig:
@@ -16,13 +15,13 @@ def config(**keys: object) -> CameraConfig:
 
 
 def test_a_lens_behind_a_centred_dome_is_told_as_it_is() -> None:
-    camera = config(lens="brown_conrady", distortion=(-0.1, 0.01, 0.001, 0.0, 0.0), port=DomeTable())
+    camera = config(lens="brown_conrady", distortion=(-0.1, 0.01, 0.001, 0.0, 0.0), port=DomePort())
     found = calibration(camera)
     assert (found.lens, found.error_px) == (camera.optics(), 0.0)
 
 
 def test_a_flat_port_lengthens_the_lens_by_the_index_and_bends() -> None:
-    camera = config(field_of_view_deg=70.0, port=FlatTable(distance_m=0.02, thickness_m=0.01))
+    camera = config(field_of_view_deg=70.0, port=FlatPort(distance_m=0.02, thickness_m=0.01))
     found = calibration(camera)
     assert found.lens.fx == pytest.approx(camera.optics().fx * WATER_INDEX, rel=0.02)
     assert found.lens.coefficients[0] > 0.05  # a pincushion
@@ -35,7 +34,7 @@ def test_a_flat_port_lengthens_the_lens_by_the_index_and_bends() -> None:
 
 
 def test_a_fisheye_behind_a_dome_off_its_centre() -> None:
-    camera = config(lens="fisheye", field_of_view_deg=150.0, port=DomeTable(offset_m=0.01))
+    camera = config(lens="fisheye", field_of_view_deg=150.0, port=DomePort(offset_m=0.01))
     found = calibration(camera)
     assert found.lens.model == "fisheye"
     assert 0.0 < found.error_px < 0.2

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from uwserver.sensors import CameraConfig, Pose
-from uwserver.sensors.optical.camera.config import DomeTable, FlatTable, gain_of
+from uwserver.sensors.optical.camera.config import gain_of
+from uwserver.sensors.optical.camera.window import DomePort, FlatPort
 
 
 @pytest.mark.parametrize(
@@ -16,8 +17,8 @@ from uwserver.sensors.optical.camera.config import DomeTable, FlatTable, gain_of
         ({"width": 8192, "height": 8192}, "at most"),
         ({"lens": "brown_conrady", "distortion": (-5.0,)}, "folds"),
         ({"lens": "pinhole", "distortion": (0.1,)}, "0 coefficients"),
-        ({"lens": "fisheye", "field_of_view_deg": 200.0, "port": FlatTable()}, "flat port"),
-        ({"port": DomeTable(radius_m=0.05, offset_m=0.06)}, "outside the dome"),
+        ({"lens": "fisheye", "field_of_view_deg": 200.0, "port": FlatPort()}, "flat port"),
+        ({"port": DomePort(radius_m=0.05, offset_m=0.06)}, "outside the dome"),
         ({"baseline_m": 0.1, "streams": {"right": {}}}, "another name"),
     ],
 )

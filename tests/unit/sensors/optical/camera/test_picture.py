@@ -46,7 +46,7 @@ def test_depth_of_a_mesh_far_from_the_origin_is_exact_to_a_millimetre() -> None:
 
 
 def test_depth_behind_a_flat_port_counts_from_the_pupil() -> None:
-    depth = Optics(LENS, FlatPort(0.02, 0.01)).depth_mm(view(wall(2.0)))
+    depth = Optics(LENS, FlatPort(distance_m=0.02, thickness_m=0.01)).depth_mm(view(wall(2.0)))
     assert np.abs(depth.astype(float) - 2000.0).max() <= 1.0
 
 
@@ -263,7 +263,7 @@ def test_open_water_and_no_light_at_all() -> None:
 @pytest.mark.parametrize("depth", [5.0, -5.0], ids=["in the water", "in the air"])
 def test_in_a_solid_it_is_dark_and_nothing_is_far(depth: float) -> None:
     """The far side of a wall is not seen from inside, nor the water or the sky before it; what stands behind neither."""
-    optics, p = Optics(LENS, FlatPort(0.02, 0.01)), (0.0, 0.0, depth)
+    optics, p = Optics(LENS, FlatPort(distance_m=0.02, thickness_m=0.01)), (0.0, 0.0, depth)
     things = seen("wall", Box((1.0, 50.0, 50.0)), (0.4, 0.0, depth)), seen("ball", Sphere(0.5), (6.0, 0.0, depth))
     given = {
         "p": p,

@@ -1,11 +1,11 @@
-"""What cameras may see: nothing is looked at before somebody asks."""
+"""What a sensor may know of others: cameras look at nothing before somebody asks."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from uwserver.environment.light import WATER_TYPES, Daylight
-from uwserver.sensors.sight import Sight
+from uwserver.sensors.others import Sight
 
 
 def test_it_is_what_it_was_given_and_looks_only_when_asked() -> None:
