@@ -36,16 +36,15 @@ class Alone:
     def __init__(self, scope: Scope, voices: Records = NO_VOICES) -> None:
         """Fill the arrays from a scope and from (n) VOICE of the sonars that are heard."""
         state: FloatArray = np.array([[*scope.p_NB, *scope.q_NB, *scope.v_NB_B, *scope.w_NB_B]])
-        wiring = scope.wiring
         bodies: Any = np.zeros(1, layout.BODY)
         thrusters: Any = np.zeros(0, layout.THRUSTER)
         lags: Any = np.zeros(0, layout.LAG)
-        if wiring is not None:
-            bodies, thrusters, lags = wiring.bodies, wiring.thrusters, wiring.lags
-        electrics = np.zeros(len(thrusters), ELECTRIC)
-        if wiring is not None:
-            wiring.fill(electrics)
-        self._touching = _touching([] if wiring is None else wiring.touches())
+        electrics, touches = np.zeros(0, ELECTRIC), list[Touch]()
+        if scope.wiring is not None:
+            bodies, thrusters, lags = scope.wiring.bodies, scope.wiring.thrusters, scope.wiring.lags
+            electrics, touches = np.zeros(len(thrusters), ELECTRIC), scope.wiring.touches()
+            scope.wiring.fill(electrics)
+        self._touching = _touching(touches)
         self.arrays = {
             "state": state,
             "nu_dot": np.array([scope.nu_dot], float),

@@ -32,9 +32,8 @@ STATE_RATE_HZ = 10
 
 def external_member(world: World, resolved: ResolvedVehicle, row: int, name: str) -> Member:
     """Return an external vehicle, whose body is in a row of the world, with its ports."""
-    entry, slots = resolved.entry, list[ActuatorSlot]()
+    entry, slots, shown = resolved.entry, list[ActuatorSlot](), moving_parts(resolved)
     source: Source
-    shown = moving_parts(resolved)
     moving: Moving
     if resolved.track is not None:
         source = Recorded(resolved.track, entry.outside, entry.max_gap_s)
@@ -50,7 +49,10 @@ def external_member(world: World, resolved: ResolvedVehicle, row: int, name: str
             port = Port(f"{name}/actuators", "actuator", "actuators", turning.fields, turning.doc)
             slots.append(ActuatorSlot(port, turning, world.rate_hz, 0))
     sensors = list(_shown(world, resolved, row, name, source))
-    sensors += _modems(world, resolved, row, name)
+    for key, config in resolved.vehicle.sensors.items():
+        mount = mount_of(config, resolved.vehicle)
+        path, modem = config.port_of(name, key), config.build(mount)
+        sensors.append(sensor_slot(world, path, config, modem, row, mount, {}))
     slots += send_slots(world, sensors)
     if not isinstance(entry.truth, UnsetType):
         sensors += truth_slots(world, name, entry.truth.rate_hz, row)
@@ -58,12 +60,6 @@ def external_member(world: World, resolved: ResolvedVehicle, row: int, name: str
     services = (*component_services(world, sensors, slots), *range_services(world, slots))
     vehicle = Vehicle(name, resolved.vehicle.name, row, world.hydro)
     return Member(vehicle, tuple(sensors), tuple(slots), services, resolved.solid, (part,), led=True)
-
-
-def _modems(world: World, resolved: ResolvedVehicle, row: int, name: str) -> Iterator[SensorSlot]:
-    for key, config in resolved.vehicle.sensors.items():
-        mount = mount_of(config, resolved.vehicle)
-        yield sensor_slot(world, config.port_of(name, key), config, config.build(mount), row, mount, {})
 
 
 def moving_parts(resolved: ResolvedVehicle) -> tuple[Shown, ...]:

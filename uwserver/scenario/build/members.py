@@ -72,7 +72,9 @@ def vehicle_member(world: World, resolved: ResolvedVehicle, row: int, name: str)
     file, entry, hydro = resolved.vehicle, resolved.entry, world.hydro
     params, bodies = hydro.params[row], own_rows(hydro, file, row)
     body = bodies[""]
-    wiring = Wiring(hydro, row, body.thrusters, _electrics(resolved))
+    tables = {key: device.electric for key, device in resolved.devices.items()}
+    electrics = {key: electric_of(table) for key, table in tables.items() if not isinstance(table, UnsetType)}
+    wiring = Wiring(hydro, row, body.thrusters, electrics)
     mounts = {key: mount_of(config, file) for key, config in file.sensors.items()}
     configs: dict[str, Any] = dict(file.sensors)
     for key, config in file.sensors.items():
@@ -103,11 +105,6 @@ def vehicle_member(world: World, resolved: ResolvedVehicle, row: int, name: str)
     services += () if piloted is None else piloted.services
     others = () if piloted is None else (piloted.part,)
     return Member(Vehicle(name, file.name, row, hydro), tuple(sensors), tuple(slots), services, resolved.solid, others)
-
-
-def _electrics(resolved: ResolvedVehicle) -> dict[str, Electric]:
-    tables = {name: device.electric for name, device in resolved.devices.items()}
-    return {name: electric_of(table) for name, table in tables.items() if not isinstance(table, UnsetType)}
 
 
 def electric_of(table: ElectricTable) -> Electric:
@@ -169,8 +166,8 @@ def sensor_slot(
         at = structs.replace(port, path=f"{path}/{name}")
         streams.append(SensorStream(at, _modifiers(world, at, side.modifiers), side.ideal))
     twin: Sensor | None = None
-    wanted = "ideal" in config.__struct_fields__ and any(stream.ideal for stream in streams)
-    if wanted and not isinstance(sensor, BankSensor):
+    needs_twin = "ideal" in config.__struct_fields__ and any(stream.ideal for stream in streams)
+    if needs_twin and not isinstance(sensor, BankSensor):
         twin = structs.replace(config, ideal=True).build(mount)
         twin.load_kernels()
     latency_ns = round((config.latency_s or 0.0) * NANOSECONDS)

@@ -69,8 +69,7 @@ class ScenarioPopulation(Population):
         self._born: tuple[Born, ...] = ()
         self._first_spawned = 0
         self._parts: dict[str, tuple[str, ...]] = {}
-        self._likes: list[str] = []
-        self._made: list[Member | None] = []
+        self._made: list[tuple[str, Member | None]] = []  # for each row, like which body it was made, and the member
         vehicles = {name: (each.vehicle, each.devices) for name, each in resolved.vehicles.items()}
         params = params_by_name(vehicles, resolved.scenario.environment)
         self._params: dict[str, BodyParams] = {
@@ -185,7 +184,7 @@ class ScenarioPopulation(Population):
         same, members = self._same_rows(state.born), list[Member]()
         for row, born in enumerate(state.born):
             if born.present:
-                known = self._made[row] if row < same else None
+                known = self._made[row][1] if row < same else None
                 is_known = known is not None and known.vehicle.name == born.name
                 members.append(known if known is not None and is_known else self._build(born.like, born.name, row))
         return members
@@ -221,19 +220,17 @@ class ScenarioPopulation(Population):
 
     def _remember(self, members: Iterable[Member]) -> None:
         """Keep the member of each row, also after it is removed, so that a restore that brings it back only has to load its state."""
-        likes = [born.like for born in self._born]
         same = self._same_rows(self._born)
-        if same < len(likes):
-            del self._likes[same:], self._made[same:]
-            self._likes += likes[same:]
-            self._made += [None] * (len(likes) - same)
+        if same < len(self._born):
+            self._made[same:] = [(born.like, None) for born in self._born[same:]]
         for member in members:
-            self._made[member.vehicle.row] = member
+            row = member.vehicle.row
+            self._made[row] = self._born[row].like, member
 
     def _same_rows(self, born: Sequence[Born]) -> int:
         """Return how many of the first rows are built like those in `_made`. The rows of a body's thrusters depend on all bodies before it."""
-        pairs = enumerate(zip(born, self._likes, strict=False))
-        return next((row for row, (new, like) in pairs if new.like != like), min(len(born), len(self._likes)))
+        pairs = enumerate(zip(born, self._made, strict=False))
+        return next((row for row, (new, made) in pairs if new.like != made[0]), min(len(born), len(self._made)))
 
     def _needs_scene(self, born: Sequence[Born]) -> bool:
         """Return whether anything solid was spawned. Bodies that were there at the start have their scene already, if they need one."""

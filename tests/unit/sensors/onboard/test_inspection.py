@@ -190,7 +190,7 @@ def test_a_mark_is_for_a_finding_that_has_none_yet():
         ({"height_m": (2.0, 1.0)}, "2 m at least is not less than 1 m"),
         ({"for_s": 1.0}, "followed, not held: remove for_s"),
         ({"path_ned_m": ((0.0, 0.0, 0.0), (0.0, 0.0, 50.0))}, "horizontal length is 0.0 m; it has to be 1 to 2000 m"),
-        ({"path_ned_m": ((0.0, 0.0, 0.0), (3000.0, 0.0, 0.0))}, "3000.0 m long"),
+        ({"path_ned_m": ((0.0, 0.0, 0.0), (3000.0, 0.0, 0.0))}, "length is 3000.0 m"),
     ],
 )
 def test_what_cannot_be_followed_is_refused(keys, text):

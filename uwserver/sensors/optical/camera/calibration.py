@@ -6,7 +6,7 @@ lens is fitted as a calibration does: focal length and radial terms, by least sq
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -129,10 +129,9 @@ def matrix(lens: Lens) -> tuple[float, ...]:
     return (lens.fx, 0.0, lens.cx, 0.0, lens.fy, lens.cy, 0.0, 0.0, 1.0)
 
 
-def _ros_matrix(name: str, rows: int, columns: int, data: object) -> tuple[str, ...]:
+def _ros_matrix(name: str, rows: int, columns: int, data: Sequence[float]) -> tuple[str, ...]:
     return f"{name}:", f"  rows: {rows}", f"  cols: {columns}", f"  data: [{_numbers(data)}]"
 
 
-def _numbers(data: object) -> str:
-    assert isinstance(data, tuple | list)
+def _numbers(data: Sequence[float]) -> str:
     return ", ".join(f"{float(x):.10g}" for x in data)

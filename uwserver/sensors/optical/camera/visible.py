@@ -162,7 +162,7 @@ class Visible:
         self.scenes: list[Placed] = []
         self.planes: list[Plane] = []
         self._alone: list[tuple[int, int, PickScene]] | None = None
-        still: dict[tuple[float, ...], list[Any]] = {}
+        still: dict[tuple[float, ...], list[tuple[int, Any]]] = {}
         for seen in things:
             number = len(self.names)
             self.names.append(seen.name)
@@ -170,15 +170,16 @@ class Visible:
             faces = self._numbered(faces, pictures)
             if seen.row >= 0:
                 if len(faces):
-                    self._move(faces, models.moving(models.faces(seen)[0]), seen.row, number)
+                    scene = models.moving(models.faces(seen)[0])
+                    faces["corners"] -= scene.centre.astype(np.float32)
+                    self.scenes.append(Placed(scene, *self._add(faces, seen.row, scene.centre, number)))
                 continue
             if seen.solid is not None:
                 self._lay(seen, number)
             if len(faces):
                 flat = faces["corners"].reshape(-1, 3).astype(np.float64)
                 about = LATTICE_M * np.round(0.5 * (flat.min(axis=0) + flat.max(axis=0)) / LATTICE_M)
-                faces["thing"] = number  # `_stand` replaces it by the row of THING
-                still.setdefault(tuple(about.tolist()), []).append(faces)
+                still.setdefault(tuple(about.tolist()), []).append((number, faces))
         for about_m, parts in still.items():
             self._stand(np.array(about_m), parts)
         self.scenes.sort(
@@ -200,47 +201,36 @@ class Visible:
         self._pictures += pictures
         return faces
 
-    def _place(self, row: int, centre: FloatArray, number: int) -> int:
+    def _add(self, faces: Any, row: int, centre: FloatArray, number: int) -> tuple[int, int]:
+        """Add faces as a thing. Returns its row of THING, and the first row of its faces."""
+        thing, first = len(self._places), self._count
+        faces["thing"] = thing
         self._places.append((row, centre, number))
-        return len(self._places) - 1
-
-    def _add(self, faces: Any) -> int:
-        first = self._count
         self._parts.append(faces)
         self._count += len(faces)
-        return first
+        return thing, first
 
-    def _move(self, faces: Any, scene: PickScene, row: int, number: int) -> None:
-        thing = self._place(row, scene.centre, number)
-        faces["corners"] -= scene.centre.astype(np.float32)
-        faces["thing"] = thing
-        self.scenes.append(Placed(scene, thing, self._add(faces)))
-
-    def _stand(self, about: FloatArray, parts: list[Any]) -> None:
-        """Add one scene of all static things around a point of the lattice."""
-        first, things = self._count, []
-        for faces in parts:
-            number = int(faces["thing"][0])
-            things.append(self._place(-1, about, number))
+    def _stand(self, about: FloatArray, parts: list[tuple[int, Any]]) -> None:
+        """Add one scene of all static things around a point of the lattice: numbers of the objects, and their faces."""
+        first_thing, first_face = len(self._places), self._count
+        for number, faces in parts:
             faces["corners"] = faces["corners"].astype(np.float64) - about
-            faces["thing"] = things[-1]
-            self._add(faces)
-        corners = np.concatenate([faces["corners"] for faces in parts]).astype(np.float64)
+            self._add(faces, -1, about, number)
+        corners = np.concatenate([faces["corners"] for _, faces in parts]).astype(np.float64)
         scene = pick_scene(corners, np.zeros(3))
-        self.scenes.append(Placed(scene._replace(centre=about), things[0], first))
+        self.scenes.append(Placed(scene._replace(centre=about), first_thing, first_face))
 
     def _lay(self, seen: Seen, number: int) -> None:
         """Add the half-spaces of a thing. Each has one face that stands for all of it."""
         assert seen.solid is not None
         for floor in floors(seen.solid, seen.paint):
-            thing = self._place(-1, floor.p, number)
             face = blank_faces(1)
             across = np.cross(floor.normal, (0.0, 1.0, 0.0) if abs(floor.normal[1]) < 0.9 else (1.0, 0.0, 0.0))
             across /= np.linalg.norm(across)
             face["corners"][0, 1], face["corners"][0, 2] = across, np.cross(floor.normal, across)
             face["normals"][0], face["colour"], face["pattern"] = floor.normal, floor.colour, floor.pattern
-            face["thing"] = thing
-            self.planes.append(Plane(floor.p, floor.normal, self._add(face), thing))
+            thing, first = self._add(face, -1, floor.p, number)
+            self.planes.append(Plane(floor.p, floor.normal, first, thing))
 
     def alone(self) -> list[tuple[int, int, PickScene]]:
         """Return each meshed thing by itself: id, row of THING, and scene. They are built at the first call."""
