@@ -65,23 +65,23 @@ MISSING = np.nan
 """Stands for a number that a reading does not have."""
 
 
-def _seen(*names: str) -> Iterator[Any]:
+def _from_instant(*names: str) -> Iterator[Any]:
     """Return functions of `instant` by name. They are imported when a kernel is compiled, because `instant` imports numba."""
     return (Elsewhere("uwserver.sensors.instant", name) for name in names)
 
 
-rotate, multiply, conjugate = _seen("rotate", "multiply", "conjugate")
-quat_from_rpy, rpy_from_quat, spin = _seen("quat_from_rpy", "rpy_from_quat", "spin")
-p_NB, q_NB, v_NB_B, w_NB_B = _seen("p_NB", "q_NB", "v_NB_B", "w_NB_B")
-p_NS, q_NS, p_BS, q_BS, q_SB = _seen("p_NS", "q_NS", "p_BS", "q_BS", "q_SB")
-latitude_longitude, velocity_of, specific_force = _seen("latitude_longitude", "velocity_of", "specific_force")
-level_turns, inertial_rate = _seen("level_turns", "inertial_rate")
-water_property, depth_of, place_of = _seen("water_property", "depth_of", "place_of")
-gauge_pressure, water_velocity, submergence = _seen("gauge_pressure", "water_velocity", "submergence")
-magnetic_field, nu_dot_at, tau_at, voices_of = _seen("magnetic_field", "nu_dot_at", "tau_at", "voices_of")
-sound_absorption, ground_of, echo_of, meet_surface = _seen("absorption", "ground_of", "echo_of", "meet_surface")
-shaft_speed, power, supply_voltage, supply = _seen("shaft_speed", "power", "supply_voltage", "supply")
-(_team_at,) = _seen("team_at")
+rotate, multiply, conjugate = _from_instant("rotate", "multiply", "conjugate")
+quat_from_rpy, rpy_from_quat, spin = _from_instant("quat_from_rpy", "rpy_from_quat", "spin")
+p_NB, q_NB, v_NB_B, w_NB_B = _from_instant("p_NB", "q_NB", "v_NB_B", "w_NB_B")
+p_NS, q_NS, p_BS, q_BS, q_SB = _from_instant("p_NS", "q_NS", "p_BS", "q_BS", "q_SB")
+latitude_longitude, velocity_of, specific_force = _from_instant("latitude_longitude", "velocity_of", "specific_force")
+level_turns, inertial_rate = _from_instant("level_turns", "inertial_rate")
+water_property, depth_of, place_of = _from_instant("water_property", "depth_of", "place_of")
+gauge_pressure, water_velocity, submergence = _from_instant("gauge_pressure", "water_velocity", "submergence")
+magnetic_field, nu_dot_at, tau_at, voices_of = _from_instant("magnetic_field", "nu_dot_at", "tau_at", "voices_of")
+sound_absorption, ground_of, echo_of, meet_surface = _from_instant("absorption", "ground_of", "echo_of", "meet_surface")
+shaft_speed, power, supply_voltage, supply = _from_instant("shaft_speed", "power", "supply_voltage", "supply")
+(_team_at,) = _from_instant("team_at")
 _share: Any = Elsewhere("uwserver.physics.kernel.sharing", "share")
 _LEAST = 16  # sensors that a thread reads at a time: about 5 us
 _MOST_AIMS = 2
@@ -297,7 +297,7 @@ class BankSensor(Sensor):
     rays = 0
     random: ClassVar[tuple[str, ...]] = ()
 
-    def __init__(self, mount: Pose, settings: Settings | None = None) -> None:
+    def __init__(self, mount: Pose = Pose(), settings: Settings | None = None) -> None:  # noqa: B008 - frozen
         self.heads, self.rows = Pool(HEAD, 1), Pool(self.bank.record, 1)
         self.head, self.row = self.heads.take(1), self.rows.take(1)
         head = self.heads.rows[self.head]

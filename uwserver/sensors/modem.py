@@ -76,9 +76,13 @@ class ModemTable(SensorTable, kw_only=True, frozen=True):
         if self.address > self.highest_address:
             raise ValueError(f"address is {self.address}, the highest of this modem is {self.highest_address}")
         if self.address == self.broadcast_address:
-            raise ValueError(f"address {self.address} is that for all (broadcast_address): give it one of its own")
+            raise ValueError(
+                f"address {self.address} is the one for all modems (broadcast_address): give the modem another one"
+            )
         if self.acknowledges and not self.addressed:
-            raise ValueError("acknowledges = true needs addressed = true: without addresses all would answer at once")
+            raise ValueError(
+                "acknowledges = true needs addressed = true: without addresses all modems would answer at once"
+            )
 
     def port_of(self, vehicle: str, name: str) -> str:
         """Return the path of what it receives. The port ``send`` is beside it."""
@@ -145,22 +149,20 @@ class Modem(Sensor):
     """
 
     doc = (
-        "Modem: a message that came for this modem or for all, or what became of one that asked for an answer: it was delivered, or nobody "
-        "answered. Stamped with the arrival of its signal, and told when all of it has come."
+        "Modem: a message to this modem or to all modems; or the outcome of a sent message that asked for an answer. The time stamp is the "
+        "beginning of the arrival of its signal; the sample comes after the end of the signal."
     )
     fields = (
         Field("event", "1", '"data", "delivered" (answered) or "failed" (not answered)', type="str"),
-        Field(
-            "source", "1", "address of the sender; of an event about a message that was sent, of this modem", type="int"
-        ),
+        Field("source", "1", "address of the sender; the address of this modem in an outcome", type="int"),
         Field("destination", "1", "address to which it was sent", type="int"),
         Field("data", "1", "payload", type="bytes"),
-        Field("level", "dB", "of the signal: sound re 1 uPa, light re 1 W"),
+        Field("level", "dB", "level of the signal: sound re 1 uPa, light re 1 W"),
         Field("snr", "dB", "signal over noise in the band of the modem"),
-        Field("range", "m", "distance of who answered, from the time of the answer"),
-        Field("bearing", "rad", "direction of the sender from x towards y, of a modem with an array"),
-        Field("elevation", "rad", "direction from the x-y plane towards z"),
-        Field("relative_speed", "m/s", "with which sender and receiver part, of a modem that measures Doppler"),
+        Field("range", "m", "distance of the modem that answered, from the time of the answer"),
+        Field("bearing", "rad", "direction of the sender from x towards y, if the modem has an array"),
+        Field("elevation", "rad", "direction of the sender from the x-y plane towards z"),
+        Field("relative_speed", "m/s", "speed at which sender and receiver move apart, if the modem measures Doppler"),
     )
     paces = True
     rouses = True
@@ -170,9 +172,9 @@ class Modem(Sensor):
     def __init__(self, mount: Pose, table: ModemTable) -> None:
         self.mount, self.table = mount, table
         self.arguments = (
-            Argument("address", "int", "of this modem", "1", False, minimum=0, maximum=table.highest_address),
+            Argument("address", "int", "address of this modem", "1", False, minimum=0, maximum=table.highest_address),
             Argument("gain", "float", "added to the level of what it sends", "dB", False, minimum=-60, maximum=0),
-            Argument("sound_speed", "float", "what the device believes; 0 for the truth", "m/s", False, minimum=0, maximum=2000),
+            Argument("sound_speed", "float", "assumed sound speed; 0 for the true one", "m/s", False, minimum=0, maximum=2000),
         )  # fmt: skip
         speed = 0.0 if table.assumed_sound_speed_mps is UNSET else table.assumed_sound_speed_mps
         super().__init__(ModemSettings(table.address, 0.0, speed))

@@ -23,7 +23,7 @@ from uwserver.sensors.bank import (
     w_NB_B,
     water_velocity,
 )
-from uwserver.sensors.base import Pose, Sensor
+from uwserver.sensors.base import Sensor
 from uwserver.table import Positive, Table
 
 
@@ -72,9 +72,6 @@ class _Exact(BankSensor):
     """A sensor of the truth, which is always valid."""
 
     exact = True
-
-    def __init__(self) -> None:
-        super().__init__(Pose())
 
 
 class TruthPose(_Exact):

@@ -91,18 +91,18 @@ def build_autopilot(
     gains = gains_of(file, config)
     divisor = divisor_of(world.rate_hz, config.rate_hz, RATE_HZ)
     dt = float(divisor / world.rate_hz)
-    hands = _Hands()
-    allocation, helm = _controls(file, params, actuators, hands)
-    allocation.devices["row"], allocation.devices["full"] = hands.rows, hands.full
+    holding = _HeldActuators()
+    allocation, helm = _controls(file, params, actuators, holding)
+    allocation.devices["row"], allocation.devices["full"] = holding.rows, holding.full
     craft = Craft(
         path=path,
         hearing=Hearing(_sources(world, file, name, mounts, ports), _surroundings(world, file, config)),
         allocation=allocation,
         helm=helm,
-        held=hands.held,
-        shares=hands.shares,
-        names=tuple(hands.names),
-        blocked=hands.blocked,
+        held=holding.held,
+        shares=holding.shares,
+        names=tuple(holding.names),
+        blocked=holding.blocked,
         gains=gains,
         divisor=divisor,
         dt=dt,
@@ -223,7 +223,7 @@ def _surroundings(world: World, file: VehicleFile, config: AutopilotConfig) -> S
 
 
 @dataclass
-class _Hands:
+class _HeldActuators:
     """The actuators that an autopilot commands, and others on the same devices, which it only blocks.
 
     Attributes:
@@ -251,20 +251,20 @@ class _Hands:
 
 
 def _controls(
-    file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], hands: _Hands
+    file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], holding: _HeldActuators
 ) -> tuple[Allocation, Helm]:
     inertia = _six(np.diag(params.M_RB + params.M_A))
     tables = commanded_tables(file.actuators.values())
     if {"fins", "propellers"} <= tables:
-        fins = _fins(file, params, actuators, hands)
+        fins = _fins(file, params, actuators, holding)
         weight = params.weight * params.r_g[2] - params.buoyancy * params.r_b[2]
         return fins, Torpedo(inertia, weight, fins.reach, fins.shaft)
     allocation: Allocation
     if "thrusters" in tables:
-        allocation = _thrusters(file, params, actuators, hands)
+        allocation = _thrusters(file, params, actuators, holding)
     else:
         key = next(k for k, c in file.actuators.items() if c.message == "Wrench")
-        hands.hold(actuators[key], [f"{part}.{axis}" for part in ("force", "moment") for axis in "xyz"])
+        holding.hold(actuators[key], [f"{part}.{axis}" for part in ("force", "moment") for axis in "xyz"])
         allocation = Wrench(_wrench_limits(file, params))
     return allocation, Hover(inertia, _six(np.diag(params.D_L)), _six(np.diag(params.D_Q)), allocation.reach)
 
@@ -274,7 +274,7 @@ def _devices(
     table: str,
     everything: tuple[str, ...],
     actuators: Mapping[str, ActuatorSlot],
-    hands: _Hands,
+    holding: _HeldActuators,
     strongest: float = 0.0,
 ) -> Iterator[tuple[Devices, tuple[str, ...]]]:
     """Hold the actuators of devices in a table, those with many devices first, and yield them with the names. No device comes twice."""
@@ -287,10 +287,10 @@ def _devices(
     seen: set[str] = set()
     for key, (devices, names) in sorted(members.items(), key=lambda item: -len(item[1][1])):
         if seen.intersection(names):
-            hands.blocked.append(actuators[key])
+            holding.blocked.append(actuators[key])
             continue
         seen.update(names)
-        hands.hold(actuators[key], [f"{table}.{name}" for name in names], strongest)
+        holding.hold(actuators[key], [f"{table}.{name}" for name in names], strongest)
         yield devices, names
 
 
@@ -300,19 +300,19 @@ def _six(values: FloatArray) -> Six:
 
 
 def _thrusters(
-    file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], hands: _Hands
+    file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], holding: _HeldActuators
 ) -> ThrusterAllocation:
     by_name = {thruster.name: _thrust(thruster) for thruster in params.thrusters}
     strongest = max(thrust.curve[-1][1] for thrust in by_name.values())
     groups = [
         (tuple(by_name[name] for name in names), devices.field == "force_N")
-        for devices, names in _devices(file, "thrusters", tuple(by_name), actuators, hands, strongest)
+        for devices, names in _devices(file, "thrusters", tuple(by_name), actuators, holding, strongest)
     ]
-    return _together(tuple(groups))
+    return _shared_allocation(tuple(groups))
 
 
 @lru_cache(maxsize=16)
-def _together(groups: tuple[tuple[tuple[Thrust, ...], bool], ...]) -> ThrusterAllocation:
+def _shared_allocation(groups: tuple[tuple[tuple[Thrust, ...], bool], ...]) -> ThrusterAllocation:
     """Return an allocation, which all vehicles alike share, because it has no state."""
     return ThrusterAllocation(list(groups))
 
@@ -333,10 +333,12 @@ def _wrench_limits(file: VehicleFile, params: BodyParams) -> Six:
     return _six(_UNKNOWN_PUSH * np.diag(params.M_RB + params.M_A))
 
 
-def _fins(file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], hands: _Hands) -> FinsAndShaft:
+def _fins(
+    file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], holding: _HeldActuators
+) -> FinsAndShaft:
     fins = [
         _fin(params, f"fins.{name}")
-        for _, names in _devices(file, "fins", tuple(file.fins), actuators, hands)
+        for _, names in _devices(file, "fins", tuple(file.fins), actuators, holding)
         for name in names
     ]
     propellers = [
@@ -345,7 +347,7 @@ def _fins(file: VehicleFile, params: BodyParams, actuators: Mapping[str, Actuato
         if (devices := config.devices()) is not None and devices.table == "propellers"
     ]
     for key, member in propellers:
-        hands.hold(actuators[key], (f"propellers.{member}",))
+        holding.hold(actuators[key], (f"propellers.{member}",))
     shaft = _shaft(params, f"propellers.{propellers[0][1]}")
     shaft = replace(shaft, strength=len(propellers) * shaft.strength)
     return FinsAndShaft(fins, shaft, len(propellers))

@@ -48,7 +48,7 @@ def external_member(world: World, resolved: ResolvedVehicle, row: int, name: str
         if shown:
             port = Port(f"{name}/actuators", "actuator", "actuators", turning.fields, turning.doc)
             slots.append(ActuatorSlot(port, turning, world.rate_hz, 0))
-    sensors = list(_shown(world, resolved, row, name, source))
+    sensors = list(_status_slots(world, resolved, row, name, source))
     for key, config in resolved.vehicle.sensors.items():
         mount = mount_of(config, resolved.vehicle)
         path, modem = config.port_of(name, key), config.build(mount)
@@ -69,7 +69,7 @@ def moving_parts(resolved: ResolvedVehicle) -> tuple[Shown, ...]:
     return (*map(Shown, file.thrusters), *fins, *map(Shown, file.propellers))
 
 
-def _shown(world: World, resolved: ResolvedVehicle, row: int, name: str, source: Source) -> Iterator[SensorSlot]:
+def _status_slots(world: World, resolved: ResolvedVehicle, row: int, name: str, source: Source) -> Iterator[SensorSlot]:
     entry = resolved.entry
     shown: list[tuple[str, str, Sensor]] = [("state", "external", ExternalState(source))]
     if not isinstance(entry.compare_with, UnsetType):

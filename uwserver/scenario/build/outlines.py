@@ -51,7 +51,7 @@ def _corners(placed: Placed) -> FloatArray:
             ends = shape.radius if isinstance(shape, Capsule) else 0.0
             half = np.array([shape.half_length + ends, shape.radius, shape.radius])
         else:
-            raise TypeError(f"a structure is no {type(shape).__name__}")
+            raise TypeError(f"a structure cannot have the shape {type(shape).__name__}")
         signs = np.array([[i, j, k] for i in (-1.0, 1.0) for j in (-1.0, 1.0) for k in (-1.0, 1.0)])
         points = signs * half
     return points @ placed.R.T + placed.p

@@ -171,7 +171,7 @@ class ScenarioPopulation(Population):
     def parts_of(self, state: PopulationState) -> set[str]:
         """See `Population.parts_of`."""
         kinds = {born.like for born in state.born if born.present}
-        parts = {like: self._parts.get(like) or self._try_out(like) for like in kinds}
+        parts = {like: self._parts.get(like) or self._part_names_of_new(like) for like in kinds}
         return {f"{born.name}/{part}" for born in state.born if born.present for part in parts[born.like]}
 
     def params_of(self, state: PopulationState) -> list[BodyParams]:
@@ -181,7 +181,7 @@ class ScenarioPopulation(Population):
     def members_of(self, state: PopulationState) -> list[Member]:
         """See `Population.members_of`."""
         self._world.hydro.set_bodies(self.params_of(state))
-        same, members = self._same_rows(state.born), list[Member]()
+        same, members = self._count_same_rows(state.born), list[Member]()
         for row, born in enumerate(state.born):
             if born.present:
                 known = self._made[row][1] if row < same else None
@@ -220,14 +220,14 @@ class ScenarioPopulation(Population):
 
     def _remember(self, members: Iterable[Member]) -> None:
         """Keep the member of each row, also after it is removed, so that a restore that brings it back only has to load its state."""
-        same = self._same_rows(self._born)
+        same = self._count_same_rows(self._born)
         if same < len(self._born):
             self._made[same:] = [(born.like, None) for born in self._born[same:]]
         for member in members:
             row = member.vehicle.row
             self._made[row] = self._born[row].like, member
 
-    def _same_rows(self, born: Sequence[Born]) -> int:
+    def _count_same_rows(self, born: Sequence[Born]) -> int:
         """Return how many of the first rows are built like those in `_made`. The rows of a body's thrusters depend on all bodies before it."""
         pairs = enumerate(zip(born, self._made, strict=False))
         return next((row for row, (new, made) in pairs if new.like != made[0]), min(len(born), len(self._made)))
@@ -264,7 +264,7 @@ class ScenarioPopulation(Population):
         self._parts[like] = tuple(part.path.removeprefix(f"{name}/") for part in member.parts)
         return member
 
-    def _try_out(self, like: str) -> tuple[str, ...]:
+    def _part_names_of_new(self, like: str) -> tuple[str, ...]:
         """Return the names of the parts of a body that was never in the world. One is built for this and discarded."""
         undo = self._world.hydro.arrays()
         self._member(like, like)

@@ -1,10 +1,12 @@
-"""What cameras see of a scenario's world: things in the colours that viewers show too, lamps at their present level, and the light."""
+"""What cameras see of a scenario's world: things in the colours that viewers show too, lamps at their present level, and the light.
+
+Only a world with cameras imports this module, because it loads all that pictures need.
+"""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from msgspec import UnsetType
 
@@ -14,56 +16,43 @@ from uwserver.physics.geometry.shapes import HalfSpace
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.solids.palette import CLEAN, OBJECT, SEABED, STRUCTURE, VEHICLE, Colour, colour_of
 from uwserver.sensors import Pose
+from uwserver.sensors.optical.camera.faces import GROWTH, PLAIN, TILES, Paint
+from uwserver.sensors.optical.camera.faces import SEABED as SAND
+from uwserver.sensors.optical.camera.lamps import LampAt
+from uwserver.sensors.optical.camera.visible import Seen, Watch
 from uwserver.sensors.others import Sight
 from uwserver.units import rad
 from uwserver.world.members import Member
 from uwserver.world.world import World
 
-if TYPE_CHECKING:
-    from uwserver.sensors.optical.camera.faces import Paint
-    from uwserver.sensors.optical.camera.lamps import LampAt
-    from uwserver.sensors.optical.camera.visible import Seen, Watch
-
-log = logging.getLogger(__name__)
 _SEABED_NAME = "seabed"
 
+log = logging.getLogger(__name__)
 
-def give_sight(world: World, resolved: Resolved) -> Watch | None:
-    """Let the cameras of a world see what its scenario has. Returns None, and loads nothing, if no sensor needs it."""
-    if not any(config.traits().needs_sight for config in resolved.sensors):
-        return None
-    from uwserver.sensors.optical.camera.visible import Watch
 
+def give_sight(world: World, resolved: Resolved) -> None:
+    """Let the cameras of a world see what its scenario has. Everything is prepared now, so that no tick waits for it."""
     environment = resolved.scenario.environment
-    scenery = _Scenery(world, resolved)
-    watch = Watch(scenery.things, scenery.who)
+    scene = _CameraScene(world, resolved)
+    watch = Watch(scene.things, scene.bodies)
     light = WATER_TYPES[environment.water_type], environment.daylight.daylight
-    world.sight = Sight(*light, watch.look, scenery.lamps, lambda: world.hydro.state)
-    return watch
-
-
-def look_around(watch: Watch | None) -> None:
-    """Prepare what cameras see, so that no tick waits for it, and log what cannot be shown."""
-    for fault in [] if watch is None else watch.faults():
+    world.sight = Sight(*light, watch.look, scene.lamps, lambda: world.hydro.state)
+    for fault in watch.faults():
         log.warning("cameras show this without its own looks: %s", fault)
 
 
-class _Scenery:
+class _CameraScene:
     """Lists the things and the lamps of a world."""
 
     def __init__(self, world: World, resolved: Resolved) -> None:
         self._world, self._resolved = world, resolved
 
-    def who(self) -> tuple[tuple[str, int], ...]:
+    def bodies(self) -> tuple[tuple[str, int], ...]:
         """Return the names and rows of the bodies in the world."""
         return tuple((name, member.vehicle.row) for name, member in self._world.members.items())
 
     def things(self) -> Iterator[Seen]:
         """Yield seabed, structures, and bodies."""
-        from uwserver.sensors.optical.camera.faces import GROWTH, PLAIN
-        from uwserver.sensors.optical.camera.faces import SEABED as SAND
-        from uwserver.sensors.optical.camera.visible import Seen
-
         resolved = self._resolved
         for name, solid in resolved.static.items():
             is_seabed = name == _SEABED_NAME and not isinstance(resolved.scenario.seabed, UnsetType)
@@ -91,8 +80,6 @@ class _Scenery:
 
     def _paint(self, otherwise: Colour, pattern: int) -> Paint:
         """Return the paint of each material. `otherwise` and `pattern` are for materials without an entry of their own."""
-        from uwserver.sensors.optical.camera.faces import PLAIN, TILES, Paint
-
         names = self._resolved.materials
         special = dict.fromkeys(CLEAN, PLAIN) | {"tiles": TILES}
         patterns = tuple(special.get(name, pattern) for name in names)
@@ -100,8 +87,6 @@ class _Scenery:
 
     def lamps(self) -> tuple[LampAt, ...]:
         """Return all lamps that shine."""
-        from uwserver.sensors.optical.camera.lamps import LampAt
-
         found = []
         for _, member, like in self._present():
             vehicle = self._resolved.vehicles.get(like)

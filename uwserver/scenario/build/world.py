@@ -11,7 +11,6 @@ from uwserver.physics.dynamics.appendage_params import Appendages
 from uwserver.scenario.build.members import build_scene, physics_rate, stream_of
 from uwserver.scenario.build.modems import add_medium
 from uwserver.scenario.build.population import ScenarioPopulation
-from uwserver.scenario.build.sight import give_sight, look_around
 from uwserver.scenario.load.export import identity
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.solids.tables import FlatSeabed
@@ -57,14 +56,16 @@ def build(resolved: Resolved, seed: int | None = None, like: World | None = None
     world.population = ScenarioPopulation(world, resolved)
     world.add(world.population)
     world.identity = cache(partial(identity, resolved))
-    watch = give_sight(world, resolved)
     world.population.begin()
     hydro.load_kernels()
     world.set_current(water.current)
     for name, fault in scenario.faults.items():
         for part, effect in effects(name, fault, faults.targets(), stream_of(seed, f"faults/{name}")).items():
             faults.set(part, effect)
-    look_around(watch)
+    if any(config.traits().needs_sight for config in resolved.sensors):
+        from uwserver.scenario.build.sight import give_sight  # loads all that pictures need
+
+        give_sight(world, resolved)
     offer_world_services(world)
     offer_state_services(world)
     return world

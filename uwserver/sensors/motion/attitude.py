@@ -98,7 +98,7 @@ _RECORD = record(
 
 
 @compiled
-def _steaming_error(now: Array, v_N: Vec3) -> float:
+def _speed_error(now: Array, v_N: Vec3) -> float:
     """Return the heading error (rad) of a gyrocompass without speed: it settles where the level has no rate about east (Titterton 2004, 13.4)."""
     place = place_of(now)
     across, along = v_N[0] * place.curvature[0], v_N[1] * place.curvature[1]
@@ -106,7 +106,7 @@ def _steaming_error(now: Array, v_N: Vec3) -> float:
 
 
 @compiled
-def _disturbed(head: Any, row: Any, now: Array, q: Quat) -> Quat:
+def _with_errors(head: Any, row: Any, now: Array, q: Quat) -> Quat:
     """Return q_NS turned by small errors about down, north and east."""
     m = row.m
     a, b = normals(head.key, head.number, SAMPLE, 0)
@@ -121,7 +121,7 @@ def _disturbed(head: Any, row: Any, now: Array, q: Quat) -> Quat:
     if row.secant != 0:
         heading /= math.cos(place_of(now).latitude)
     if row.steaming != 0 and place_of(now).rotating != 0:
-        heading += _steaming_error(now, rotate(q_NB(head, now), v_NB_B(head, now)))
+        heading += _speed_error(now, rotate(q_NB(head, now), v_NB_B(head, now)))
     disturbed: Quat = multiply(quat_from_rpy(m.tilt_x + row.noise * e, m.tilt_y + row.noise * f, heading), q)
     return disturbed
 
@@ -131,7 +131,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     """Write attitude and heading; invalid while the device settles."""
     q = q_NS(head, now)
     if head.exact == 0:
-        q = _disturbed(head, row, now, q)
+        q = _with_errors(head, row, now, q)
     if row.magnetic != 0:
         q = multiply(quat_from_rpy(0.0, 0.0, -place_of(now).declination), q)
     out[0], out[1], out[2], out[3] = q
@@ -146,7 +146,7 @@ class Attitude(BankSensor):
     doc = "Attitude and heading, as an AHRS or gyrocompass computes them; invalid while it settles."
     fields = (
         Field("q_NS", "1", "attitude of the sensor frame, w x y z", "NS", (4,)),
-        Field("heading", "rad", "of the sensor's x axis, clockwise from north, 0 to 2 pi"),
+        Field("heading", "rad", "direction of the sensor's x axis, clockwise from north, 0 to 2 pi"),
     )
     bank = Bank(_RECORD, loop(measure))
     random = ("heading_sigma", "tilt_sigma", "noise", "m.heading", "m.tilt_x", "m.tilt_y")

@@ -152,18 +152,18 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
 class Gps(BankSensor):
     """Position fixes. A fix needs four satellites."""
 
-    doc = (
-        "GPS: position (WGS 84) and velocity of the antenna; no values under water, nor for some time after surfacing."
-    )
+    doc = "GPS: position (WGS 84) and velocity of the antenna; no values under water and for some time after surfacing."
     fields = (
         Field("latitude", "rad", "geodetic latitude, positive north"),
         Field("longitude", "rad", "longitude, positive east"),
-        Field("height", "m", "above the sea surface at rest"),
+        Field("height", "m", "height above the sea surface at rest"),
         Field("v_NS", "m/s", "velocity of the antenna", "N", (3,)),
-        Field("horizontal_accuracy", "m", "standard deviation of each horizontal axis, as the receiver believes"),
-        Field("vertical_accuracy", "m", "standard deviation of the height, as the receiver believes"),
-        Field("velocity_accuracy", "m/s", "standard deviation of each axis of the velocity, as the receiver believes"),
-        Field("satellites", "1", "number used; 0 under water", type="int"),
+        Field("horizontal_accuracy", "m", "standard deviation of each horizontal axis, as the receiver estimates it"),
+        Field("vertical_accuracy", "m", "standard deviation of the height, as the receiver estimates it"),
+        Field(
+            "velocity_accuracy", "m/s", "standard deviation of each axis of the velocity, as the receiver estimates it"
+        ),
+        Field("satellites", "1", "number of satellites in use; 0 under water", type="int"),
         Field("fix", "1", "0 none, 3 three-dimensional", type="int"),
     )
     bank = Bank(_RECORD, loop(measure))
@@ -174,7 +174,14 @@ class Gps(BankSensor):
     def __init__(self, mount: Pose, config: GpsConfig) -> None:
         self._config, self.exact = config, config.ideal
         self.arguments = (
-            Argument("satellites", "int", "in view; fewer than 4 give no fix", required=False, minimum=0, maximum=64),
+            Argument(
+                "satellites",
+                "int",
+                "satellites in view; fewer than 4 give no fix",
+                required=False,
+                minimum=0,
+                maximum=64,
+            ),
         )
         super().__init__(mount, GpsSettings(config.satellites))
 

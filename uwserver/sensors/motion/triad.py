@@ -101,7 +101,7 @@ def turn_on(memory: Any, errors: TriadErrors, draws: FloatArray) -> None:
 
 
 @compiled
-def _three(head: Any, lane: int) -> Vec3:
+def _three_normals(head: Any, lane: int) -> Vec3:
     a, b = normals(head.key, head.number, SAMPLE, lane)
     c, _ = normals(head.key, head.number, SAMPLE, lane + 1)
     return a, b, c
@@ -123,26 +123,26 @@ def disturbed(triad: Any, memory: Any, head: Any, lane: int, truth: Vec3) -> Vec
         decay = math.exp(-head.dt / triad.tau)
         step = triad.wander * math.sqrt(1.0 - decay * decay)
         slow = memory.instability
-        a, b, c = _three(head, lane)
+        a, b, c = _three_normals(head, lane)
         slow[0], slow[1], slow[2] = decay * slow[0] + step * a, decay * slow[1] + step * b, decay * slow[2] + step * c
         x, y, z = x + slow[0], y + slow[1], z + slow[2]
     if triad.walk > 0.0:
         step = triad.walk * math.sqrt(head.dt)
         walk = memory.walk
-        a, b, c = _three(head, lane + 2)
+        a, b, c = _three_normals(head, lane + 2)
         walk[0], walk[1], walk[2] = walk[0] + step * a, walk[1] + step * b, walk[2] + step * c
         x, y, z = x + walk[0], y + walk[1], z + walk[2]
     if triad.white > 0.0:
         white = triad.white / math.sqrt(head.dt)
-        a, b, c = _three(head, lane + 4)
+        a, b, c = _three_normals(head, lane + 4)
         x, y, z = x + white * a, y + white * b, z + white * c
     m = memory.matrix
     x, y, z = m[0] * x + m[1] * y + m[2] * z, m[3] * x + m[4] * y + m[5] * z, m[6] * x + m[7] * y + m[8] * z
-    return _converted(triad, x), _converted(triad, y), _converted(triad, z)
+    return _through_converter(triad, x), _through_converter(triad, y), _through_converter(triad, z)
 
 
 @compiled
-def _converted(triad: Any, x: float) -> float:
+def _through_converter(triad: Any, x: float) -> float:
     """Return the value after limit and resolution of the converter."""
     if triad.limit > 0.0:
         x = max(-triad.limit, min(triad.limit, x))

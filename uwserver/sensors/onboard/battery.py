@@ -127,12 +127,12 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
 class Battery(BankSensor):
     """Each reading counts the charge and sets the supply. While the sensor is deactivated, neither changes."""
 
-    doc = "Battery: voltage under load, current, power, what is left. It sets the supply voltage of the thrusters, and stops them when it is empty."
+    doc = "Battery: voltage under load, current, power, and charge. It sets the supply voltage of the thrusters, and stops them when it is empty."
     fields = (
-        Field("voltage", "V", "at the terminals"),
-        Field("current", "A", "drawn from the battery"),
-        Field("power", "W", "drawn from the battery"),
-        Field("energy", "J", "delivered since the start"),
+        Field("voltage", "V", "voltage at the terminals"),
+        Field("current", "A", "current drawn from the battery"),
+        Field("power", "W", "power drawn from the battery"),
+        Field("energy", "J", "energy delivered since the start"),
         Field("charge", "1", "part of the capacity that is left"),
     )
     bank = Bank(_RECORD, loop(measure), acts=True)
@@ -145,9 +145,11 @@ class Battery(BankSensor):
         self._config, self.exact = config, config.ideal
         self._capacity = config.capacity_Ah * 3600.0
         self.arguments = (
-            Argument("hotel_load_W", "float", "power that everything but the thrusters draws", "W", False, minimum=0.0),
+            Argument(
+                "hotel_load_W", "float", "power that everything except the thrusters draws", "W", False, minimum=0.0
+            ),
         )
-        super().__init__(Pose(), BatterySettings(config.hotel_load_W))
+        super().__init__(settings=BatterySettings(config.hotel_load_W))
 
     def fill(self, row: Any) -> None:
         c = self._config

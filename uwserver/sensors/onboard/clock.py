@@ -64,7 +64,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
 class ClockSensor(BankSensor):
     """UTC and elapsed time by the vehicle's clock."""
 
-    doc = "UTC and running time by the clock of the vehicle."
+    doc = "UTC and elapsed time by the clock of the vehicle."
     fields = (
         Field("utc_ns", "ns", "nanoseconds since 1970-01-01, UTC without leap seconds", type="int"),
         Field("elapsed", "s", "time since the start of the scenario, by this clock"),
@@ -74,7 +74,7 @@ class ClockSensor(BankSensor):
 
     def __init__(self, config: ClockConfig) -> None:
         self._config, self.exact = config, config.ideal
-        super().__init__(Pose())
+        super().__init__()
 
     def turn_on_row(self, memory: Any) -> None:
         """Draw offset (s) and drift."""

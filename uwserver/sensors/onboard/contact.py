@@ -58,7 +58,7 @@ TOUCHING, COUNT, IMPULSE, BODY, POINTS = 0, 1, 2, 5, 6
 
 
 @compiled
-def _note(row: Any, contact: int, strength: float) -> None:
+def _insert(row: Any, contact: int, strength: float) -> None:
     """Insert a contact into the reported ones, if it is among the strongest. Among equal ones the earlier comes first."""
     k = row.told
     if k == row.points:
@@ -85,7 +85,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
             continue
         count += 1
         x, y, z = x + mine * impulse[k, 0], y + mine * impulse[k, 1], z + mine * impulse[k, 2]
-        _note(row, k, strength)
+        _insert(row, k, strength)
     to_B, p = conjugate(q_NB(head, now)), p_NB(head, now)
     whole = out.view(np.int64)
     out[:] = MISSING
@@ -116,12 +116,17 @@ class Contact(BankSensor):
         self.fields = (
             Field("touching", "1", "whether anything is touched", type="bool"),
             Field("count", "1", "number of contacts", type="int"),
-            Field("impulse_B", "N s", "sum over all contacts, on this vehicle", "B", (3,)),
-            Field("body", "1", "row of the body touched hardest; -1 for what does not move", type="int"),
+            Field("impulse_B", "N s", "impulse on this vehicle, summed over all contacts", "B", (3,)),
+            Field(
+                "body",
+                "1",
+                "row of the body with the strongest contact; -1 for something that does not move",
+                type="int",
+            ),
             Field("points_B", "m", "contact points, the strongest first; x y z of each", "B", (n, 3)),
-            Field("impulses_B", "N s", "on this vehicle at each point", "B", (n, 3)),
+            Field("impulses_B", "N s", "impulse on this vehicle at each point", "B", (n, 3)),
         )
-        super().__init__(Pose())
+        super().__init__()
 
     def fill(self, row: Any) -> None:
         row["points"], row["threshold"] = self._config.points, self._config.threshold_Ns

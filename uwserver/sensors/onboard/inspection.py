@@ -21,7 +21,7 @@ from uwserver.units import rad
 
 Metres = Annotated[float, Meta(ge=-1e6, le=1e6)]
 _MOST_METRES = 2000
-_SKIN_M = 0.03
+_TOLERANCE_M = 0.03
 """A ray that ends this near to the box around a structure has hit the structure."""
 _LOOKOUT_M = 4.0
 """Length of the pipe ahead of which the pilot has to see some part."""
@@ -48,7 +48,7 @@ def is_hidden(eye: Vec3, outline: Outline, geometry: Geometry) -> bool:
     for way, away in zip(ways, distance.tolist(), strict=True):
         if math.isfinite(away):
             x = rotate(to_box, (start + away * way - outline.p).tolist())
-            met += all(abs(own) <= half + _SKIN_M for own, half in zip(x, outline.half, strict=True))
+            met += all(abs(own) <= half + _TOLERANCE_M for own, half in zip(x, outline.half, strict=True))
     return 2 * met <= len(_SAMPLES)
 
 
@@ -92,7 +92,7 @@ class Inspect(Task, tag="inspect", kw_only=True, frozen=True):
             outline = moment.outlines.get(name)
             if outline is None or done[k]:
                 continue
-            grade, hint = self._graded(moment, outline)
+            grade, hint = self._grade_of(moment, outline)
             away = -1.0 if k == piece else math.dist(moment.eye.p, outline.p)  # prefer the one of the last reading
             if best is None or (-grade, away) < (-best[0], best[1]):
                 best = grade, away, k, outline, hint
@@ -101,7 +101,7 @@ class Inspect(Task, tag="inspect", kw_only=True, frozen=True):
         grade, _, k, outline, hint = best
         return Verdict(k if grade == _MET else -1, outline.p, hint)
 
-    def _graded(self, moment: Moment, outline: Outline) -> tuple[int, str]:
+    def _grade_of(self, moment: Moment, outline: Outline) -> tuple[int, str]:
         """Return how many conditions are met, and a hint for the first that is not."""
         low, high = self.distance_m
         away = math.dist(moment.eye.p, outline.p)
@@ -247,7 +247,7 @@ class Follow(Task, tag="follow", kw_only=True, frozen=True, dict=True):
             back = (here.p[0], here.p[1], here.p[2] - 0.5 * sum(self.height_m))
             return Verdict(
                 -1,
-                back if any(done) else self._begin(),
+                back if any(done) else self._start_goal(),
                 "too far to the side" if any(done) else "go to where it begins",
             )
         if height > self.height_m[1]:
@@ -291,7 +291,7 @@ class Follow(Task, tag="follow", kw_only=True, frozen=True, dict=True):
         k = min(max(int(np.searchsorted(legs.before, s)) - 1, 0), len(legs.square) - 1)
         return legs.place(k, float((s - legs.before[k]) / math.sqrt(legs.square[k])))
 
-    def _begin(self) -> Vec3:
+    def _start_goal(self) -> Vec3:
         north, east, down = self.path_ned_m[0]
         return (north, east, down - 0.5 * sum(self.height_m))
 

@@ -68,7 +68,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
 class Rpm(BankSensor):
     """Shaft speeds, computed from the open-water thrust at rest."""
 
-    doc = "Shaft speed of thrusters; no value where the device file does not give it."
+    doc = "Shaft speed of thrusters; no value if the device file does not give it."
     bank = Bank(_RECORD, loop(measure))
     random = ("sigma",)
 
@@ -77,7 +77,7 @@ class Rpm(BankSensor):
         self._places = [-1] * len(config.members)
         order = ", ".join(config.members)
         self.fields = (Field("speeds", "rad/s", f"shaft speed, order: {order}", "", (len(config.members),)),)
-        super().__init__(Pose())
+        super().__init__()
 
     def wire(self, wiring: Wiring) -> None:
         """Find the numbers of its thrusters among those of the vehicle. They stay the same when other vehicles are added or removed."""

@@ -23,7 +23,7 @@ from uwserver.units import NANOSECONDS
 State = Literal["ready", "running", "done", "failed", "off"]
 MOVED_M, STEERED_W = 0.3, 1.0
 """Time begins when the thrusters draw this power. If their power is not known, it begins when the vehicle has moved this far."""
-_APART_NS = NANOSECONDS
+_SAME_COLLISION_NS = NANOSECONDS
 """A touch within this time after another one is the same collision."""
 _NAME = re.compile(r"[\w -]{1,60}")
 _MOST_TASKS = 64
@@ -56,7 +56,9 @@ class TrainingConfig(SensorTable, tag="training", kw_only=True, frozen=True):
             raise ValueError(f"a training has 1 to {_MOST_TASKS} tasks, not {len(self.tasks)}")
         pieces = sum(len(task.worth()) for task in self.tasks.values())
         if pieces > _MOST_PIECES:
-            raise ValueError(f"the tasks have {pieces} metres, structures and findings in all: at most {_MOST_PIECES}")
+            raise ValueError(
+                f"the tasks have {pieces} metres, structures and findings in all: at most {_MOST_PIECES} are possible"
+            )
         findings = [name for task in self.tasks.values() if isinstance(task, Follow) for name in task.findings]
         for name in (*self.tasks, *findings):
             if not _NAME.fullmatch(name):
@@ -117,31 +119,31 @@ class Training(Sensor):
     """The judge of a pilot, who knows the truth."""
 
     doc = (
-        "Tasks for a pilot: which one it is, time, collisions and score. Time begins when its thrusters push. "
-        "`set` with `running` = true begins anew, with false it ends; with `mark` = true the pilot marks what the camera shows."
+        "Tasks for a pilot: the present task, time, collisions and score. Time begins when the thrusters push. `set` with `running` = true begins "
+        "a new try, and with false it stops. With `mark` = true the pilot marks what the camera shows."
     )
     fields = (
-        Field("state", "1", "ready, running, done, failed (the time is over) or off", type="str"),
-        Field("task", "1", "what is to be done now", type="str"),
-        Field("number", "1", "of this task, from 1", type="int"),
-        Field("count", "1", "of all tasks", type="int"),
-        Field("time", "s", "since its thrusters pushed for the first time"),
-        Field("left", "s", "until the time is over"),
-        Field("held", "s", "for how long the task has been met without a break"),
-        Field("hold", "s", "for how long it has to be"),
-        Field("goal_p_NB", "m", "where to go, or what to look at", "N", (3,)),
-        Field("distance", "m", "from there"),
-        Field("collisions", "1", "in this try", type="int"),
-        Field("score", "1", "what is done, less collisions and wrong marks; when all is done with what the time left is worth"),
-        Field("part", "1", "of this task that is done, 0 to 1"),
-        Field("hint", "1", "what is missing; empty where the task says it all", type="str"),
-        Field("found", "1", "what of this task is inspected or marked, by name", type="str"),
-        Field("missing", "1", "how many of those are not", type="int"),
-        Field("marks", "1", "whether there are things to be marked with `mark` in this task", type="bool"),
+        Field("state", "1", "ready, running, done, failed (out of time) or off", type="str"),
+        Field("task", "1", "the present task", type="str"),
+        Field("number", "1", "number of the present task, from 1", type="int"),
+        Field("count", "1", "number of all tasks", type="int"),
+        Field("time", "s", "time since the thrusters pushed for the first time"),
+        Field("left", "s", "time that is left"),
+        Field("held", "s", "time for which the task has been met without a break"),
+        Field("hold", "s", "time for which it has to be met"),
+        Field("goal_p_NB", "m", "the place to go to, or to look at", "N", (3,)),
+        Field("distance", "m", "distance from there"),
+        Field("collisions", "1", "collisions in this try", type="int"),
+        Field("score", "1", "points of what is done, minus collisions and wrong marks; plus points for the time left when all is done"),
+        Field("part", "1", "part of the present task that is done, 0 to 1"),
+        Field("hint", "1", "what the pilot should do or change; empty if the task says it all", type="str"),
+        Field("found", "1", "names of what is inspected or marked in the present task", type="str"),
+        Field("missing", "1", "how many are not inspected or marked yet", type="int"),
+        Field("marks", "1", "whether the present task has things to mark with `mark`", type="bool"),
         Field("lost", "1", "points that wrong marks cost", type="float"),
     )  # fmt: skip
     arguments = (
-        Argument("running", "bool", "true begins anew, false ends it", required=False),
+        Argument("running", "bool", "true begins a new try, false stops it", required=False),
         Argument("mark", "bool", "true marks what the camera shows", required=False),
     )
     paces = True
@@ -176,21 +178,21 @@ class Training(Sensor):
     def valid(self, record: Memory | Settings) -> None:
         """Check a record. A memory must fit the number of tasks and pieces, and have ended if all tasks are done."""
         if isinstance(record, TrainingMemory) and record.step > len(self._tasks):
-            raise ValueError(f"{record.step} tasks are done, and there are {len(self._tasks)}")
+            raise ValueError(f"{record.step} tasks are done, but there are {len(self._tasks)}")
         if isinstance(record, TrainingMemory) and record.step == len(self._tasks) and record.ended_ns < 0:
-            raise ValueError("all tasks are done, and it has not ended")
+            raise ValueError("all tasks are done, but the training has not ended")
         super().valid(record)
         if isinstance(record, TrainingMemory) and record.piece >= len(self._pieces(record)):
-            raise ValueError(f"piece {record.piece} is met, and its task has {len(self._pieces(record))}")
+            raise ValueError(f"piece {record.piece} is met, but its task has only {len(self._pieces(record))}")
 
     def sense(self, scope: Scope) -> Measurement:
         """Judge this instant, and report the state; always valid."""
         verdict = self._verdict(scope)
         if self.settings.running:
             step = self.memory.step
-            self.memory = self._judged(scope, verdict)
+            self.memory = self._updated_memory(scope, verdict)
             verdict = verdict if self.memory.step == step else self._verdict(scope)
-        return Measurement(self._told(scope, verdict), True)
+        return Measurement(self._report(scope, verdict), True)
 
     # -- the present task -----------------------------------------------------------------------------------------------------------
 
@@ -220,7 +222,7 @@ class Training(Sensor):
     def _verdict(self, scope: Scope) -> Verdict:
         return self._task[1].judge(self._moment(scope), self._pieces(self.memory), self.memory.piece)
 
-    def _judged(self, scope: Scope, verdict: Verdict) -> TrainingMemory:
+    def _updated_memory(self, scope: Scope, verdict: Verdict) -> TrainingMemory:
         m, now, p = self.memory, scope.t_ns, scope.p_NB
         new = structs.replace(m, place=m.place if m.seen else p, before=p, seen=True, mark=False)
         if m.ended_ns >= 0:
@@ -230,7 +232,7 @@ class Training(Sensor):
                 return new
             new.begun_ns = now
         if self._is_hit(scope):
-            new.collisions += m.touched_ns < 0 or now - m.touched_ns > _APART_NS
+            new.collisions += m.touched_ns < 0 or now - m.touched_ns > _SAME_COLLISION_NS
             new.touched_ns = now
         if (now - new.begun_ns) / NANOSECONDS > self._config.limit_s:
             new.ended_ns = now
@@ -272,7 +274,7 @@ class Training(Sensor):
         touches = [] if scope.wiring is None else scope.wiring.touches()
         return any(math.hypot(*touch.impulse) >= self._config.collision_Ns for touch in touches)
 
-    def _told(self, scope: Scope, verdict: Verdict) -> list[Value]:
+    def _report(self, scope: Scope, verdict: Verdict) -> list[Value]:
         m, now, config = self.memory, scope.t_ns, self._config
         end = m.ended_ns if m.ended_ns >= 0 else now
         time = (end - m.begun_ns) / NANOSECONDS if m.begun_ns >= 0 else 0.0

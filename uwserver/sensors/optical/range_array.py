@@ -126,7 +126,7 @@ def measure(
 class RangeArray(BankSensor):
     """Distances to the first solid thing on each ray."""
 
-    doc = "Distances along thin rays, from port to starboard; no value where a ray hits nothing. Invalid while the sensor is in air."
+    doc = "Distances along thin rays, from port to starboard; a ray that hits nothing has no value. Invalid while the sensor is in air."
     bank = Bank(_RECORD, ray_loop(measure), (aim_loop(aim),))
     random = ("sigma",)
     settings: RangeSettings

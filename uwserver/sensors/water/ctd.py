@@ -91,7 +91,7 @@ _RECORD = record(
 
 
 @compiled
-def _share(dt: float, lag: float) -> float:
+def _lag_response(dt: float, lag: float) -> float:
     """Return the part of a step that a first-order lag follows within dt (s)."""
     return 1.0 if lag == 0.0 else -math.expm1(-dt / lag)
 
@@ -109,8 +109,8 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     if salinity > 0.0:
         conductivity = conductivity_of(salinity, temperature, gauge / _DECIBAR)
     if m.wet != 0 and head.exact == 0:
-        temperature = m.temperature + (temperature - m.temperature) * _share(head.dt, row.temperature_lag)
-        conductivity = m.conductivity + (conductivity - m.conductivity) * _share(head.dt, row.conductivity_lag)
+        temperature = m.temperature + (temperature - m.temperature) * _lag_response(head.dt, row.temperature_lag)
+        conductivity = m.conductivity + (conductivity - m.conductivity) * _lag_response(head.dt, row.conductivity_lag)
     m.temperature, m.conductivity, m.wet = temperature, conductivity, 1
     if head.exact == 0:
         a, b = normals(head.key, head.number, SAMPLE, 0)
@@ -128,7 +128,7 @@ class Ctd(BankSensor):
     doc = "Conductivity, temperature and pressure of the water, and the practical salinity computed from them; no values in air."
     fields = (
         Field("conductivity", "S/m", "electrical conductivity"),
-        Field("temperature", "degC", "in situ"),
+        Field("temperature", "degC", "in situ temperature"),
         Field("pressure", "Pa", "absolute pressure"),
         Field("salinity", "1", "practical salinity (PSS-78)"),
     )

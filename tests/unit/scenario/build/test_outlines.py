@@ -68,7 +68,7 @@ def test_the_box_around_a_hull_has_a_middle_of_its_own() -> None:
 
 
 def test_a_seabed_without_end_has_no_box() -> None:
-    with pytest.raises(TypeError, match="a structure is no HalfSpace"):
+    with pytest.raises(TypeError, match="a structure cannot have the shape HalfSpace"):
         outline_of(Solid("seabed", (Placed(HalfSpace()),)))
 
 

@@ -135,13 +135,13 @@ def test_when_the_time_is_over_it_has_failed_and_may_be_begun_anew(judge):
 def test_a_memory_of_other_tasks_is_refused(judge):
     sensor = judge(gate=GATE).sensor
     sensor.valid(TrainingMemory(step=1, begun_ns=0, ended_ns=1, done=(True,)))
-    with pytest.raises(ValueError, match="all tasks are done, and it has not ended"):
+    with pytest.raises(ValueError, match="all tasks are done, but the training has not ended"):
         sensor.valid(TrainingMemory(step=1))
-    with pytest.raises(ValueError, match="2 tasks are done, and there are 1"):
+    with pytest.raises(ValueError, match="2 tasks are done, but there are 1"):
         sensor.valid(TrainingMemory(step=2))
     with pytest.raises(ValueError, match='"done" has 2 numbers, here it needs 1'):
         sensor.valid(TrainingMemory(done=(False, False)))
-    with pytest.raises(ValueError, match="piece 1 is met, and its task has 1"):
+    with pytest.raises(ValueError, match="piece 1 is met, but its task has only 1"):
         sensor.valid(TrainingMemory(done=(False,), piece=1))
 
 

@@ -185,12 +185,12 @@ class Camera(Sensor):
             return Measurement(blank(self.fields), False)
         config, memory, sight, now = self._config, self.memory, scope.sight, scope.t
         p = scope.position(self._mount.p)
-        self._expose(scope, p)
-        mount = self._turned(now)
+        self._set_exposure(scope, p)
+        mount = self._tilted_mount(now)
         memory.last = now
         half = 0.5 * config.read_out_s if config.rolling_shutter and not self._is_exact else 0.0
         view = View(
-            now, sight.look(), sight.state().copy(), _at(scope, mount, half), _at(scope, mount, -half), scope.submergence(p), sight.water,
+            now, sight.look(), sight.state().copy(), _pose_at(scope, mount, half), _pose_at(scope, mount, -half), scope.submergence(p), sight.water,
             sight.day, sight.lamps(), scope.water.current, scope.row,
         )  # fmt: skip
         seed = 0 if config.ideal else int(self.rng.integers(1, 1 << 63))
@@ -205,7 +205,7 @@ class Camera(Sensor):
         exposed = 0.0 if self._is_exact else 0.5 * exposure
         return round((exposed + self._config.read_out_s) * NANOSECONDS)
 
-    def _expose(self, scope: Scope, p: Vec3) -> None:
+    def _set_exposure(self, scope: Scope, p: Vec3) -> None:
         """Set exposure and gain of this picture, taken at p (N)."""
         config, memory, settings, now = self._config, self.memory, self.settings, scope.t
         if not settings.auto_exposure:
@@ -236,7 +236,7 @@ class Camera(Sensor):
         electrons = float((light * _GREY / math.pi * self._chip.electrons(memory.exposure)).max())
         return min(max(electrons * gain_of(memory.gain) / self._chip.full_well, 1e-4), 1.0)
 
-    def _turned(self, now: float) -> Pose:
+    def _tilted_mount(self, now: float) -> Pose:
         """Return the mount with its present tilt."""
         joint, memory = self.joint, self.memory
         if joint is None:
@@ -253,7 +253,7 @@ class Camera(Sensor):
             self.memory.level = electronics.metered(picture.array())
 
 
-def _at(scope: Scope, mount: Pose, ago: float) -> Place:
+def _pose_at(scope: Scope, mount: Pose, ago: float) -> Place:
     """Return the pose of the camera `ago` s earlier."""
     p_NB, q_NB = (
         earlier(scope.p_NB, scope.q_NB, (*scope.v_NB_B, *scope.w_NB_B), ago) if ago else (scope.p_NB, scope.q_NB)

@@ -19,6 +19,7 @@ from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import entry, inlined
 from uwserver.sensors.optical.camera.exponential import exponential
+from uwserver.sensors.optical.camera.faces import GROWTH, SEABED, TILES
 from uwserver.sensors.optical.camera.lamps import COARSE, SHADOW, intensity
 from uwserver.sensors.optical.camera.patterns import grown, sampled, seabed, tiles
 from uwserver.sensors.optical.camera.surface import TEXELS, TILE_M, fill, from_above, from_below, sky_towards, waves_at
@@ -50,7 +51,6 @@ SEA = np.dtype(
 _CAUSTICS_M = 10.0
 _BACK = 0.08
 """Part of the downward light that comes back up from below."""
-_TILES, _GROWTH, _SEABED = 3, 2, 1
 _LAMBERT = 1.0 / math.pi
 """Radiance of a white face over its illuminance."""
 _NEVER = 1e6
@@ -121,11 +121,11 @@ def form(
             if 0.0 <= up < r:
                 r, hit = up, _SURFACE
         x = origin[k, 0] + r * d[0], origin[k, 1] + r * d[1], origin[k, 2] + r * d[2]
-        through, seen = _through(s, wet, r), (0.0, 0.0, 0.0)
+        through, seen = _transmitted(s, wet, r), (0.0, 0.0, 0.0)
         if hit >= 0 and max(through[0], through[1], through[2]) > _LEAST_SEEN:
             face, pixel = faces[hit], s.pixel * r
             owner = things[face.thing]
-            place = _place(owner, x)
+            place = _in_frame_of(owner, x)
             normal, colour = _looks(face, owner, place, pixel, texels, levels)
             facing = -(normal[0] * d[0] + normal[1] * d[1] + normal[2] * d[2])
             if facing < 0.0 and face.sided == 0:
@@ -136,7 +136,7 @@ def form(
                     if lit[m, (first + k // width) // SHADOW * cells + k % width // SHADOW] != 0:
                         lux = _lamplight(s, wet, lamps[m], x, normal, lux)
                 moved = shift[face.thing, 0], shift[face.thing, 1], shift[face.thing, 2]
-                colour = _painted(face.pattern, place, moved, pixel, facing, normal, colour)
+                colour = _with_pattern(face.pattern, place, moved, pixel, facing, normal, colour)
                 seen = _LAMBERT * colour[0] * lux[0], _LAMBERT * colour[1] * lux[1], _LAMBERT * colour[2] * lux[2]
         elif hit == _SURFACE and wet:
             seen = from_below(s, d, x, r)
@@ -146,13 +146,13 @@ def form(
             bright = sky_towards(s, d[0], d[1], d[2])
             seen = bright, bright, bright
         for i in range(3):
-            radiance[k, i] = seen[i] * through[i] + (_between(s, i, d[2], r) if wet else 0.0)
+            radiance[k, i] = seen[i] * through[i] + (_water_light(s, i, d[2], r) if wet else 0.0)
         if veil.shape[0] > 0 and wet:
             _add_veil(veil, ranges, steps, (first + k // width, k % width), r, radiance[k])
 
 
 @inlined
-def _through(s: Any, wet: bool, r: float) -> Colours:
+def _transmitted(s: Any, wet: bool, r: float) -> Colours:
     """Return the part of the light that gets through r m of water."""
     if not wet:
         return 1.0, 1.0, 1.0
@@ -161,7 +161,7 @@ def _through(s: Any, wet: bool, r: float) -> Colours:
 
 
 @inlined
-def _between(s: Any, i: int, dz: float, r: float) -> float:
+def _water_light(s: Any, i: int, dz: float, r: float) -> float:
     """Return the light of a colour that the water adds along r m of a ray."""
     rate = s.attenuation[i] + s.fading[i] * dz
     # (1 - exp(-rate r)) / rate, or its series where the difference would lose its digits.
@@ -170,7 +170,7 @@ def _between(s: Any, i: int, dz: float, r: float) -> float:
 
 
 @inlined
-def _place(owner: Any, x: Vec3) -> Vec3:
+def _in_frame_of(owner: Any, x: Vec3) -> Vec3:
     """Return the point x (about the base, N) in the frame of the faces of a THING."""
     R, p = owner.R, owner.p
     a, b, c = x[0] - p[0], x[1] - p[1], x[2] - p[2]
@@ -223,16 +223,16 @@ def _looks(face: Any, owner: Any, place: Vec3, pixel: float, texels: Array, leve
 
 
 @inlined
-def _painted(
+def _with_pattern(
     pattern: int, place: Vec3, shift: Vec3, pixel: float, facing: float, normal: Vec3, colour: Colours
 ) -> Colours:
     """Return a colour with the pattern of its face."""
     x, y, z = place[0] + shift[0], place[1] + shift[1], place[2] + shift[2]
-    if pattern == _SEABED:
+    if pattern == SEABED:
         colour = seabed(x, y, pixel / math.sqrt(max(facing, 0.05)), colour)
-    elif pattern == _GROWTH:
+    elif pattern == GROWTH:
         colour = grown(x, y, z, -normal[2], pixel, colour)
-    elif pattern == _TILES:
+    elif pattern == TILES:
         colour = tiles((x, y, z), normal, pixel / math.sqrt(max(facing, 0.05)), colour)
     return colour
 

@@ -185,7 +185,7 @@ class _Reader:
         step = view.get("byteStride") or size
         offsets, count = (view.get("byteOffset", 0), told.get("byteOffset", 0)), told["count"]
         if not all(isinstance(value, int) and value >= 0 for value in (*offsets, count - 1, step)):
-            raise ValueError("an accessor whose extent is no size")
+            raise ValueError("an accessor whose offset, count or step is no whole number, or negative")
         if not size <= step <= _WIDEST_STEP:
             raise ValueError(f"an accessor with a step of {step} bytes")
         begin = sum(offsets)

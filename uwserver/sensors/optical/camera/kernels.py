@@ -18,8 +18,8 @@ from uwserver.sensors.optical.camera.view import Pose, View
 from uwserver.sensors.optical.camera.visible import Look, Models, Seen
 
 KERNELS = (
-    faces.average_normals, rays.turn, rays.meet_floor, rays.select, rays.meet, rays.bury, rays.darken, rays.depths, rays.owners, lamps.fill_veil,
-    lamps.light_rays, surface.fill_tile, formation.form, snow.add_flakes, electronics.expose, electronics.expose_mono,
+    faces.average_normals, rays.turn, rays.meet_floor, rays.select, rays.meet, rays.end_inside, rays.darken, rays.depths, rays.owners,
+    lamps.fill_veil, lamps.light_rays, surface.fill_tile, formation.form, snow.add_flakes, electronics.expose, electronics.expose_mono,
     electronics.develop,
 )  # fmt: skip
 """The kernels that Python calls."""

@@ -61,13 +61,15 @@ class Lens(NamedTuple):
         if self.model == "fisheye":
             across = np.hypot(right, down)
             theta = np.arctan2(across, ahead)
-            scale = np.where(across > 0.0, _bent(theta, self.coefficients) / np.where(across > 0.0, across, 1.0), 1.0)
+            scale = np.where(
+                across > 0.0, _fisheye_radius(theta, self.coefficients) / np.where(across > 0.0, across, 1.0), 1.0
+            )
             x, y = right * scale, down * scale
         else:
             ahead = np.where(ahead > 0.0, ahead, np.nan)
             x, y = right / ahead, down / ahead
             if self.model == "brown_conrady":
-                radial, dx, dy = _terms(x, y, self.coefficients)
+                radial, dx, dy = _distortion_terms(x, y, self.coefficients)
                 x, y = x * radial + dx, y * radial + dy
         return self.fx * x + self.cx, self.fy * y + self.cy
 
@@ -106,7 +108,7 @@ def lens_of(
     half, reach = 0.5 * max(width - 1, 1), 0.5 * field_of_view
     coefficients = padded(model, coefficients)
     if model == "fisheye":
-        bent = float(_bent(np.array([reach]), coefficients)[0])
+        bent = float(_fisheye_radius(np.array([reach]), coefficients)[0])
         if not bent > 0.0:
             raise ValueError("the distortion folds the picture within the field of view: check the coefficients")
         f = half / bent
@@ -123,7 +125,7 @@ def padded(model: Model, coefficients: tuple[float, ...]) -> tuple[float, ...]:
     return coefficients + (0.0,) * (wanted - len(coefficients))
 
 
-def _terms(x: FloatArray, y: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _distortion_terms(x: FloatArray, y: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
     k1, k2, p1, p2, k3 = k
     square = x * x + y * y
     radial = 1.0 + square * (k1 + square * (k2 + square * k3))
@@ -134,12 +136,12 @@ def _undistorted(x: FloatArray, y: FloatArray, k: tuple[float, ...]) -> tuple[Fl
     ideal_x, ideal_y = x, y
     with np.errstate(all="ignore"):  # `check` finds a lens that folds
         for _ in range(STEPS):
-            radial, dx, dy = _terms(ideal_x, ideal_y, k)
+            radial, dx, dy = _distortion_terms(ideal_x, ideal_y, k)
             ideal_x, ideal_y = (x - dx) / radial, (y - dy) / radial
     return ideal_x, ideal_y
 
 
-def _bent(theta: FloatArray, k: tuple[float, ...]) -> FloatArray:
+def _fisheye_radius(theta: FloatArray, k: tuple[float, ...]) -> FloatArray:
     """Return the radius (in focal lengths) at an angle off the axis."""
     s = theta * theta
     bent: FloatArray = theta * (1.0 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3]))))
@@ -153,7 +155,7 @@ def _fisheye_directions(x: FloatArray, y: FloatArray, k: tuple[float, ...]) -> F
         for _ in range(_NEWTON):
             s = theta * theta
             slope = 1.0 + s * (3.0 * k[0] + s * (5.0 * k[1] + s * (7.0 * k[2] + s * 9.0 * k[3])))
-            theta = theta - (_bent(theta, k) - radius) / slope
+            theta = theta - (_fisheye_radius(theta, k) - radius) / slope
     across = np.where(radius > 0.0, np.sin(theta) / np.where(radius > 0.0, radius, 1.0), 1.0)
     rays: FloatArray = np.stack((np.cos(theta), across * x, across * y), axis=-1)
     return rays

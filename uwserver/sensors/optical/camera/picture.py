@@ -89,11 +89,11 @@ class Optics:
             rays.turn(table[pixels], begin, width, R[rows], p[rows], part.origin, part.direction)
             part.clear()
             for plane in visible.planes:
-                _meet(part, plane, base)
+                _meet_plane(part, plane, base)
             for placed in scenes:
                 part.cast(placed, things, visible.faces)
             yield
-        rays.bury(self.buffers.direction, visible.faces, things, self.buffers.distance, self.buffers.face)
+        rays.end_inside(self.buffers.direction, visible.faces, things, self.buffers.distance, self.buffers.face)
         return base, things, cone
 
     def _scenes(self, view: View) -> list[rays.Placed]:
@@ -192,7 +192,7 @@ class Optics:
         sees[buffers.face >= 0] = visible.faces["thing"][buffers.face[buffers.face >= 0]]
         for plane in visible.planes:
             buffers.clear()
-            _meet(buffers, plane, base)
+            _meet_plane(buffers, plane, base)
             counts[visible.ids[plane.thing], 1] += np.count_nonzero(buffers.face >= 0)
         for number, thing, scene in visible.alone():
             placed, there = rays.Placed(scene, thing, visible.first_of(thing)), sees == thing
@@ -206,7 +206,7 @@ class Optics:
         return out.reshape(self.lens.height, self.lens.width), counts
 
 
-def _meet(part: rays.Buffers, plane: Plane, base: FloatArray) -> None:
+def _meet_plane(part: rays.Buffers, plane: Plane, base: FloatArray) -> None:
     """Let the rays of a part hit a half-space."""
     rays.meet_floor(
         part.origin, part.direction, plane.p - base, plane.normal, plane.face, part.distance, part.face

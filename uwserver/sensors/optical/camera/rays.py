@@ -250,17 +250,17 @@ def meet(
     """
     for m in range(len(picked)):
         if picked[m] >= 0:
-            reached, k = _reached(faces[first + picked[m]].corners, start[m], towards[m]), index[m]
+            reached, k = _distance_to(faces[first + picked[m]].corners, start[m], towards[m]), index[m]
             if 0.0 <= reached < distance[k]:
                 distance[k], met[k] = reached, first + picked[m]
 
 
-_FEW = 61
+_STRIDE = 61
 """One in this number of rays is tried first. It does not divide the width of a picture, so that these rays are spread over it."""
 
 
 @entry
-def bury(direction: Array, faces: Array, things: Array, distance: Array, met: Array) -> None:
+def end_inside(direction: Array, faces: Array, things: Array, distance: Array, met: Array) -> None:
     """Find rays that leave a closed solid. They began inside it, where it is dark, so they end where they begin.
 
     Args:
@@ -269,7 +269,7 @@ def bury(direction: Array, faces: Array, things: Array, distance: Array, met: Ar
         distance, met: (n) hits of all rays; for those rays they become 0 and NOTHING.
     """
     inside = False
-    for k in range(0, len(met), _FEW):  # if the camera is inside, nearly all rays leave
+    for k in range(0, len(met), _STRIDE):  # if the camera is inside, nearly all rays leave
         inside = inside or _leaves(direction[k], faces, things, met[k])
     if inside:
         for k in range(len(met)):
@@ -294,7 +294,7 @@ def _leaves(d: Array, faces: Array, things: Array, met: int) -> bool:
 
 
 @compiled
-def _reached(corners: Array, o: Array, d: Array) -> float:
+def _distance_to(corners: Array, o: Array, d: Array) -> float:
     """Return the distance along a ray to the plane of a triangle; negative if it never gets there."""
     ax, ay, az = float(corners[0, 0]), float(corners[0, 1]), float(corners[0, 2])
     ux, uy, uz = corners[1, 0] - ax, corners[1, 1] - ay, corners[1, 2] - az

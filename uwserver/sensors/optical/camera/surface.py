@@ -29,9 +29,9 @@ _NUMBERS = ((1, 0), (1, 2), (2, -1), (3, 2), (4, -3), (5, 1), (6, 5), (9, -4))
 _PHASES = (0.3, 4.1, 2.2, 5.7, 1.1, 3.3, 0.9, 2.8)
 _SUN_WIDTH = 0.06
 """Width of the sun's image in a ruffled surface, rad."""
-_WITHIN = ((-0.125, -0.375), (0.375, -0.125), (-0.375, 0.125), (0.125, 0.375))
+_SAMPLES = ((-0.125, -0.375), (0.375, -0.125), (-0.375, 0.125), (0.125, 0.375))
 """Points of a pixel, in parts of its size, at which the surface is sampled: the edge of Snell's window is sharp, and its waves are small."""
-_SHARE = 1.0 / len(_WITHIN)
+_SHARE = 1.0 / len(_SAMPLES)
 LEVEL = 0.32
 """Sine of the elevation below which everything is mirrored: none of WAVES is so steep that light enters along such a ray."""
 
@@ -133,7 +133,7 @@ def from_below(s: Any, d: Vec3, x: Vec3, r: float) -> Vec3:
         mirrored = 0.0
         level = math.sqrt(dx * dx + dy * dy)
         ux, uy = (-dy / level, dx / level) if level > 1e-9 else (1.0, 0.0)
-        for across, along in _WITHIN:
+        for across, along in _SAMPLES:
             p, q = across * s.pixel, along * s.pixel
             # (ux, uy, 0) and its cross product with the ray are both perpendicular to the ray.
             ex, ey, ez = dx + p * ux + q * uy * dz, dy + p * uy - q * ux * dz, dz + q * (ux * dy - uy * dx)

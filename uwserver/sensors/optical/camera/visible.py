@@ -120,16 +120,16 @@ class Look:
 class Watch:
     """Gives the present `Look` while things are added and removed."""
 
-    def __init__(self, things: Callable[[], Iterable[Seen]], who: Callable[[], Hashable]) -> None:
-        """things: returns everything that can be seen; who: returns another value after bodies were added or removed."""
-        self._things, self._who, self._models = things, who, Models()
+    def __init__(self, things: Callable[[], Iterable[Seen]], bodies: Callable[[], Hashable]) -> None:
+        """things: returns everything that can be seen; bodies: returns another value after bodies were added or removed."""
+        self._things, self._bodies, self._models = things, bodies, Models()
         self._look: tuple[Hashable, Look] | None = None
 
     def look(self) -> Look:
         """Return the look at everything that is there now. It stays the same object until bodies are added or removed."""
-        who = self._who()
-        if self._look is None or self._look[0] != who:
-            self._look = who, Look(self._things(), self._models)
+        bodies = self._bodies()
+        if self._look is None or self._look[0] != bodies:
+            self._look = bodies, Look(self._things(), self._models)
         return self._look[1]
 
     def faults(self) -> list[str]:
@@ -167,7 +167,7 @@ class Visible:
             number = len(self.names)
             self.names.append(seen.name)
             faces, pictures = models.faces(seen)
-            faces = self._numbered(faces, pictures)
+            faces = self._with_texture_numbers(faces, pictures)
             if seen.row >= 0:
                 if len(faces):
                     scene = models.moving(models.faces(seen)[0])
@@ -175,13 +175,13 @@ class Visible:
                     self.scenes.append(Placed(scene, *self._add(faces, seen.row, scene.centre, number)))
                 continue
             if seen.solid is not None:
-                self._lay(seen, number)
+                self._add_half_spaces(seen, number)
             if len(faces):
                 flat = faces["corners"].reshape(-1, 3).astype(np.float64)
                 about = LATTICE_M * np.round(0.5 * (flat.min(axis=0) + flat.max(axis=0)) / LATTICE_M)
                 still.setdefault(tuple(about.tolist()), []).append((number, faces))
         for about_m, parts in still.items():
-            self._stand(np.array(about_m), parts)
+            self._add_static(np.array(about_m), parts)
         self.scenes.sort(
             key=lambda placed: self._places[placed.thing][0] >= 0
         )  # static scenes first: they stop most rays
@@ -194,7 +194,7 @@ class Visible:
         wanted = self.faces["texture"]
         self.faces["texture"] = number_of[np.where(wanted < len(self.atlas.numbers), wanted, -1)]
 
-    def _numbered(self, faces: Any, pictures: list[Picture]) -> Any:
+    def _with_texture_numbers(self, faces: Any, pictures: list[Picture]) -> Any:
         """Return a copy whose textures have numbers among all textures."""
         faces = faces.copy()
         faces["texture"] = np.where(faces["texture"] >= 0, faces["texture"] + len(self._pictures), -1)
@@ -210,7 +210,7 @@ class Visible:
         self._count += len(faces)
         return thing, first
 
-    def _stand(self, about: FloatArray, parts: list[tuple[int, Any]]) -> None:
+    def _add_static(self, about: FloatArray, parts: list[tuple[int, Any]]) -> None:
         """Add one scene of all static things around a point of the lattice: numbers of the objects, and their faces."""
         first_thing, first_face = len(self._places), self._count
         for number, faces in parts:
@@ -220,7 +220,7 @@ class Visible:
         scene = pick_scene(corners, np.zeros(3))
         self.scenes.append(Placed(scene._replace(centre=about), first_thing, first_face))
 
-    def _lay(self, seen: Seen, number: int) -> None:
+    def _add_half_spaces(self, seen: Seen, number: int) -> None:
         """Add the half-spaces of a thing. Each has one face that stands for all of it."""
         assert seen.solid is not None
         for floor in floors(seen.solid, seen.paint):
