@@ -41,7 +41,8 @@ class Alone:
         lags: Any = np.zeros(0, layout.LAG)
         electrics, touches = np.zeros(0, ELECTRIC), list[Touch]()
         if scope.wiring is not None:
-            bodies, thrusters, lags = scope.wiring.bodies, scope.wiring.thrusters, scope.wiring.lags
+            hydro, row = scope.wiring.hydro, scope.wiring.row
+            bodies, thrusters, lags = hydro.bodies[row : row + 1], hydro.thrusters, hydro.lags
             electrics, touches = np.zeros(len(thrusters), ELECTRIC), scope.wiring.touches()
             scope.wiring.fill(electrics)
         self._touching = _touching(touches)

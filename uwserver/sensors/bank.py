@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import cache
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from msgspec import convert
@@ -26,40 +26,9 @@ from uwserver.physics.kernel.random import draw_normals
 from uwserver.physics.kernel.straight import address_of
 from uwserver.physics.rays.raycast import Geometry, no_hits
 from uwserver.ports import Json, Value
-from uwserver.sensors.base import Pose, Scope, Sensor, Settings
+from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings
+from uwserver.sensors.surroundings import HEAD as HEAD
 from uwserver.sensors.voices import NO_VOICES
-
-HEAD = np.dtype(
-    [
-        ("body", "i8"),  # row of the body that carries it
-        ("row", "i8"),  # its record among those of its kind
-        ("first", "i8"),  # place of its reading in the array of numbers
-        ("width", "i8"),
-        ("exact_first", "i8"),  # place of the reading without errors; -1 if nobody reads that
-        ("stream_first", "i8"),  # its own stream; further ones follow
-        ("stream_count", "i8"),
-        ("number", "i8"),  # readings made so far
-        ("key", "u8"),  # key of its random numbers
-        ("p", "f8", (3,)),  # p_BS, m
-        ("q", "f8", (4,)),  # q_BS
-        ("to_S", "f8", (4,)),  # inverse of q
-        ("dt", "f8"),  # time between readings, s
-        ("latency_ns", "i8"),
-        ("exact", "i8"),  # 1: it has no errors of its own
-        ("silent", "i8"),  # 1: a fault keeps it from reading
-        ("rays", "i8"),  # most rays that it casts in a reading
-        ("sees_own", "i8"),  # 1: the rays also meet the body that carries it
-        ("voice", "i8"),  # row of its VOICE among those of all sonars; -1 if it sends no sound
-        ("shadow", "i8"),  # 1: only the reading without errors is asked for, so it must not change the world
-        # The last reading, as in `modifiers.Measurement`:
-        ("ready", "i8"),  # 0: there was no reading
-        ("valid", "i8"),
-        ("exact_valid", "i8"),
-        ("delay_ns", "i8"),
-        ("since_ns", "i8"),
-    ]
-)
-"""The head of a sensor: what the rows of all kinds have in common."""
 
 MISSING = np.nan
 """Stands for a number that a reading does not have."""
@@ -397,3 +366,14 @@ class BankSensor(Sensor):
         reading = Measurement(values, bool(head["valid"]))
         reading.delay_ns, reading.since_ns = int(head["delay_ns"]), int(head["since_ns"])
         return reading
+
+
+_Config = TypeVar("_Config", bound=SensorTable)
+
+
+class TableSensor(BankSensor, Generic[_Config]):
+    """A compiled sensor that keeps its table. If the table has the key `ideal`, it decides whether the sensor is exact."""
+
+    def __init__(self, mount: Pose, config: _Config, settings: Settings | None = None) -> None:
+        self._config, self.exact = config, getattr(config, "ideal", self.exact)
+        super().__init__(mount, settings)

@@ -14,8 +14,8 @@ MOST_INBOX = 256
 """Events that wait to be reported. If there are more, the oldest is lost."""
 MOST_QUEUE = 64
 MOST_SEEN = 16
-_Address = Annotated[int, Meta(ge=0, le=HIGHEST_ADDRESS)]
-_Id = Annotated[int, Meta(ge=0, le=2**53)]
+Address = Annotated[int, Meta(ge=0, le=HIGHEST_ADDRESS)]
+_Whole = Annotated[int, Meta(ge=0, le=2**53)]
 _Data = Annotated[bytes, Meta(max_length=MOST_BYTES)]
 Event = Literal["data", "delivered", "failed"]
 
@@ -36,8 +36,8 @@ class Outgoing(Struct, frozen=True):
         ranging: a caller waits for the range.
     """
 
-    id: _Id
-    destination: _Address
+    id: _Whole
+    destination: Address
     data: _Data = b""
     answer: bool = False
     wanted: bool = False
@@ -77,8 +77,8 @@ class Message(Struct, frozen=True):
     """
 
     event: Event
-    source: _Address
-    destination: _Address
+    source: Address
+    destination: Address
     data: _Data
     begin: Time
     over: Time
@@ -88,9 +88,6 @@ class Message(Struct, frozen=True):
     bearing: Number | None = None
     elevation: Number | None = None
     speed: Number | None = None
-
-
-Count = Annotated[int, Meta(ge=0, le=2**53)]
 
 
 class Counts(Struct, frozen=True):
@@ -108,15 +105,15 @@ class Counts(Struct, frozen=True):
         dropped: messages that were not reported in time.
     """
 
-    sent: Count = 0
-    heard: Count = 0
-    collided: Count = 0
-    deaf: Count = 0
-    smeared: Count = 0
-    faint: Count = 0
-    doppler: Count = 0
-    unanswered: Count = 0
-    dropped: Count = 0
+    sent: _Whole = 0
+    heard: _Whole = 0
+    collided: _Whole = 0
+    deaf: _Whole = 0
+    smeared: _Whole = 0
+    faint: _Whole = 0
+    doppler: _Whole = 0
+    unanswered: _Whole = 0
+    dropped: _Whole = 0
 
 
 class ModemMemory(Memory):
@@ -131,6 +128,6 @@ class ModemMemory(Memory):
     busy: Time = 0.0
     queue: Annotated[tuple[Outgoing, ...], Meta(max_length=2 * MOST_QUEUE)] = ()
     waiting: Annotated[tuple[Waiting, ...], Meta(max_length=2 * MOST_QUEUE)] = ()
-    seen: Annotated[tuple[_Id, ...], Meta(max_length=MOST_SEEN)] = ()
+    seen: Annotated[tuple[_Whole, ...], Meta(max_length=MOST_SEEN)] = ()
     inbox: Annotated[tuple[Message, ...], Meta(max_length=MOST_INBOX)] = ()
     counts: Counts = Counts()

@@ -16,12 +16,9 @@ from uwserver.frames import Vec3, conjugate, rotate
 from uwserver.modifiers.base import Measurement, Memory, Number
 from uwserver.ports import Argument, Buffer, Field, Json, Value
 from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings, Traits
-from uwserver.sensors.messages import HIGHEST_ADDRESS, MOST_BYTES, MOST_INBOX, MOST_QUEUE, Message, ModemMemory
+from uwserver.sensors.messages import MOST_BYTES, MOST_INBOX, MOST_QUEUE, Address, Message, ModemMemory
 from uwserver.table import Name, NonNegative
 from uwserver.units import NANOSECONDS, rad
-
-_Path = Annotated[str, Meta(max_length=4096)]
-_Address = Annotated[int, Meta(ge=0, le=HIGHEST_ADDRESS)]
 
 
 class ModemTable(SensorTable, kw_only=True, frozen=True):
@@ -52,10 +49,10 @@ class ModemTable(SensorTable, kw_only=True, frozen=True):
     """
 
     ideal: bool = False
-    address: _Address = 1
+    address: Address = 1
     addressed: bool = True
-    broadcast_address: _Address = 255
-    highest_address: _Address = 254
+    broadcast_address: Address = 255
+    highest_address: Address = 254
     protocol: Name = "modem"
     bits_per_s: Annotated[float, Meta(ge=1, le=1e9)] = 1000.0
     overhead_s: Annotated[float, Meta(ge=0, le=60)] = 0.0
@@ -96,7 +93,7 @@ class ModemTable(SensorTable, kw_only=True, frozen=True):
 class ModemSettings(Settings, frozen=True):
     """See `ModemTable`. `gain` (dB) is added to the level of what it sends; `sound_speed` 0 means the true one."""
 
-    address: _Address
+    address: Address
     gain: Annotated[float, Meta(ge=-1000, le=0)]
     sound_speed: Annotated[float, Meta(ge=0, le=1e5)]
 
@@ -133,7 +130,7 @@ class Signal(Struct, frozen=True):
         axis: unit vector (N) along which it was sent.
     """
 
-    protocol: _Path
+    protocol: Annotated[str, Meta(max_length=4096)]
     frequency: Number
     bandwidth: Annotated[float, Meta(gt=0, le=1e9)]
     level: Annotated[float, Meta(ge=-2000, le=2000)]

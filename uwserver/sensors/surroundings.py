@@ -1,4 +1,4 @@
-"""The table `now`: the arrays that sensors in compiled code see of the world; and how place and water are written into it."""
+"""The arrays of sensors in compiled code: the head of each sensor, and the table `now` of what they see of the world."""
 
 from __future__ import annotations
 
@@ -11,6 +11,38 @@ from uwserver.environment.water import Water
 from uwserver.physics.kernel.layout import BODY, LAG, PROFILE_SIZE, STATE_SIZE, THRUSTER, WAVE_SIZE, Forms, columns
 from uwserver.sensors.voices import VOICE
 from uwserver.sensors.wiring import ELECTRIC
+
+HEAD = np.dtype(
+    [
+        ("body", "i8"),  # row of the body that carries it
+        ("row", "i8"),  # its record among those of its kind
+        ("first", "i8"),  # place of its reading in the array of numbers
+        ("width", "i8"),
+        ("exact_first", "i8"),  # place of the reading without errors; -1 if nobody reads that
+        ("stream_first", "i8"),  # its own stream; further ones follow
+        ("stream_count", "i8"),
+        ("number", "i8"),  # readings made so far
+        ("key", "u8"),  # key of its random numbers
+        ("p", "f8", (3,)),  # p_BS, m
+        ("q", "f8", (4,)),  # q_BS
+        ("to_S", "f8", (4,)),  # inverse of q
+        ("dt", "f8"),  # time between readings, s
+        ("latency_ns", "i8"),
+        ("exact", "i8"),  # 1: it has no errors of its own
+        ("silent", "i8"),  # 1: a fault keeps it from reading
+        ("rays", "i8"),  # most rays that it casts in a reading
+        ("sees_own", "i8"),  # 1: the rays also meet the body that carries it
+        ("voice", "i8"),  # row of its VOICE among those of all sonars; -1 if it sends no sound
+        ("shadow", "i8"),  # 1: only the reading without errors is asked for, so it must not change the world
+        # The last reading, as in `modifiers.Measurement`:
+        ("ready", "i8"),  # 0: there was no reading
+        ("valid", "i8"),
+        ("exact_valid", "i8"),
+        ("delay_ns", "i8"),
+        ("since_ns", "i8"),
+    ]
+)
+"""The head of a sensor: what the rows of all kinds have in common."""
 
 PLACE = np.dtype(
     [

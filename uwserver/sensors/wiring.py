@@ -51,7 +51,12 @@ class Touch(NamedTuple):
 
 
 class Wiring:
-    """The rows of one vehicle that its own instruments read."""
+    """The rows of one vehicle that its own instruments read.
+
+    Attributes:
+        hydro, row: arrays of the world, and the row of the body.
+        electrics: the thrusters whose power and speed are known, by name.
+    """
 
     def __init__(
         self, hydro: Hydrodynamics, row: int, thrusters: Mapping[str, int], electrics: Mapping[str, Electric]
@@ -62,7 +67,7 @@ class Wiring:
         thrusters: rows of its thrusters, by name.
         electrics: those of its thrusters whose power and speed are known, by name.
         """
-        self._hydro, self._row = hydro, row
+        self.hydro, self.row = hydro, row
         self._thrusters, self.electrics = thrusters, electrics
         self._wired = np.array([thrusters[name] for name in electrics], dtype=np.int64)
         rows = [(1, electric.power, electric.speed) for electric in electrics.values()]
@@ -72,31 +77,16 @@ class Wiring:
         """Write ELECTRIC of the vehicle's thrusters into the array of all thrusters."""
         electrics[self._wired] = self._electric_rows
 
-    @property
-    def bodies(self) -> Any:
-        """(1) row of the body (`layout`)."""
-        return self._hydro.bodies[self._row : self._row + 1]
-
-    @property
-    def thrusters(self) -> Any:
-        """Rows of all thrusters of the world."""
-        return self._hydro.thrusters
-
-    @property
-    def lags(self) -> Any:
-        """Lags of all thrusters of the world."""
-        return self._hydro.lags
-
     def _thrust(self, row: int) -> float:
         """Return the open-water thrust of a row at rest, N: after the lag, before inflow and installation."""
-        thruster = self._hydro.thrusters[row]
-        lag = self._hydro.lags[int(thruster["lag"])]
+        thruster = self.hydro.thrusters[row]
+        lag = self.hydro.lags[int(thruster["lag"])]
         force = float(lag["C"] @ thruster["x"] + lag["D"] * thruster["demand"]) * float(thruster["efficiency"])
         return force / float(thruster["installed"])
 
     def place_of(self, name: str) -> int:
         """Return the number of a thruster among those of the vehicle, in the order of rows; -1 if its power and speed are not known."""
-        first = int(self._hydro.bodies["thruster_first"][self._row])
+        first = int(self.hydro.bodies["thruster_first"][self.row])
         return self._thrusters[name] - first if name in self.electrics else -1
 
     def power(self) -> float:
@@ -108,19 +98,19 @@ class Wiring:
     @property
     def voltage(self) -> float:
         """Supply of the first wired thruster, V; 0 without any."""
-        return float(self._hydro.thrusters["voltage"][self._wired[0]]) if len(self._wired) else 0.0
+        return float(self.hydro.thrusters["voltage"][self._wired[0]]) if len(self._wired) else 0.0
 
     def touches(self) -> list[Touch]:
         """Return the contacts of the last tick that carry an impulse, the strongest first."""
-        contacts, impulses, _ = self._hydro.touched
+        contacts, impulses, _ = self.hydro.touched
         found = []
         for k in range(len(impulses)):
             a, b = int(contacts.body_a[k]), int(contacts.body_b[k])
-            if self._row not in (a, b):
+            if self.row not in (a, b):
                 continue
-            sign = 1.0 if a == self._row else -1.0
+            sign = 1.0 if a == self.row else -1.0
             ix, iy, iz = (sign * float(component) for component in impulses[k])
             px, py, pz = contacts.point[k].tolist()
             if ix or iy or iz:
-                found.append(Touch(b if a == self._row else a, (px, py, pz), (ix, iy, iz)))
+                found.append(Touch(b if a == self.row else a, (px, py, pz), (ix, iy, iz)))
         return sorted(found, key=lambda touch: -math.hypot(*touch.impulse))

@@ -127,17 +127,17 @@ def test_the_inside_of_a_vehicle_is_that_of_its_wiring(scope):
     heads, there, out = head_on(MOUNT), Alone(scope(wiring=wiring)), np.zeros(3)
     inside(heads, there.table, -1.0, out)
     assert wiring.power() > 100.0
-    row, lag = wiring.thrusters[0], wiring.lags[int(wiring.thrusters[0]["lag"])]
+    row, lag = wiring.hydro.thrusters[0], wiring.hydro.lags[int(wiring.hydro.thrusters[0]["lag"])]
     force = float(lag["C"] @ row["x"] + lag["D"] * row["demand"]) / float(row["installed"])
     speed = wiring.electrics["t1"].turn(force)
     assert speed < 0.0
     assert out.tolist() == pytest.approx([speed, wiring.power(), wiring.voltage], rel=1e-12)
     inside(heads, there.table, 11.5, out)
     assert wiring.voltage == 11.5
-    assert (wiring.thrusters["fresh"] == 1).all()
-    assert (wiring.thrusters["efficiency"] > 0.0).all()
+    assert (wiring.hydro.thrusters["fresh"] == 1).all()
+    assert (wiring.hydro.thrusters["efficiency"] > 0.0).all()
     inside(heads, there.table, 0.0, out)
-    assert not wiring.thrusters["efficiency"].any()
+    assert not wiring.hydro.thrusters["efficiency"].any()
 
 
 def test_a_thruster_that_nobody_knows_has_no_speed_and_draws_nothing(scope):

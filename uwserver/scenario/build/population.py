@@ -15,8 +15,7 @@ from uwserver.physics.kernel.layout import NU, P, Q
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.ports.checks import shown
 from uwserver.scenario.build.external import external_member
-from uwserver.scenario.build.members import build_scene, object_member, vehicle_member
-from uwserver.scenario.build.outlines import survey_structures
+from uwserver.scenario.build.members import build_scene, object_member, survey_structures, vehicle_member
 from uwserver.scenario.files.convert import NAME
 from uwserver.scenario.load.counts import MOST_BODIES
 from uwserver.scenario.load.resolved import Resolved

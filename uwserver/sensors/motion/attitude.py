@@ -16,7 +16,7 @@ from uwserver.ports import Field
 from uwserver.sensors.bank import (
     MISSING,
     Bank,
-    BankSensor,
+    TableSensor,
     loop,
     multiply,
     place_of,
@@ -140,7 +140,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
         out[:], head.valid = MISSING, 0
 
 
-class Attitude(BankSensor):
+class Attitude(TableSensor[AttitudeConfig]):
     """Attitude of the sensor frame."""
 
     doc = "Attitude and heading, as an AHRS or gyrocompass computes them; invalid while it settles."
@@ -151,10 +151,6 @@ class Attitude(BankSensor):
     bank = Bank(_RECORD, loop(measure))
     random = ("heading_sigma", "tilt_sigma", "noise", "m.heading", "m.tilt_x", "m.tilt_y")
     memory_type = AttitudeMemory
-
-    def __init__(self, mount: Pose, config: AttitudeConfig) -> None:
-        self._config, self.exact = config, config.ideal
-        super().__init__(mount)
 
     def fill(self, row: Any) -> None:
         c = self._config

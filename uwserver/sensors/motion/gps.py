@@ -16,7 +16,7 @@ from uwserver.ports import Argument, Field
 from uwserver.sensors.bank import (
     MISSING,
     Bank,
-    BankSensor,
+    TableSensor,
     latitude_longitude,
     loop,
     p_NS,
@@ -149,7 +149,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     whole[9], whole[10] = satellites, 3
 
 
-class Gps(BankSensor):
+class Gps(TableSensor[GpsConfig]):
     """Position fixes. A fix needs four satellites."""
 
     doc = "GPS: position (WGS 84) and velocity of the antenna; no values under water and for some time after surfacing."
@@ -172,7 +172,6 @@ class Gps(BankSensor):
     settings: GpsSettings
 
     def __init__(self, mount: Pose, config: GpsConfig) -> None:
-        self._config, self.exact = config, config.ideal
         self.arguments = (
             Argument(
                 "satellites",
@@ -183,7 +182,7 @@ class Gps(BankSensor):
                 maximum=64,
             ),
         )
-        super().__init__(mount, GpsSettings(config.satellites))
+        super().__init__(mount, config, GpsSettings(config.satellites))
 
     def fill(self, row: Any) -> None:
         c = self._config

@@ -11,7 +11,7 @@ from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Field
 from uwserver.sensors.bank import (
     Bank,
-    BankSensor,
+    TableSensor,
     conjugate,
     loop,
     magnetic_field,
@@ -102,7 +102,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     out[0], out[1], out[2] = field
 
 
-class Magnetometer(BankSensor):
+class Magnetometer(TableSensor[MagnetometerConfig]):
     """Magnetic field at the mount; always valid."""
 
     doc = "Magnetic flux density at the mount: the Earth's field, distorted by the vehicle."
@@ -110,10 +110,6 @@ class Magnetometer(BankSensor):
     bank = Bank(_RECORD, loop(measure))
     random = ("triad.white", "triad.wander", "triad.walk", "m.triad.instability")
     memory_type = MagnetometerMemory
-
-    def __init__(self, mount: Pose, config: MagnetometerConfig) -> None:
-        self._config, self.exact = config, config.ideal
-        super().__init__(mount)
 
     def fill(self, row: Any) -> None:
         c = self._config

@@ -12,7 +12,7 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.ports import Argument, Field
-from uwserver.sensors.bank import Bank, BankSensor, loop, power, record, supply, supply_voltage
+from uwserver.sensors.bank import Bank, TableSensor, loop, power, record, supply, supply_voltage
 from uwserver.sensors.base import Pose, SensorTable, Settings
 from uwserver.table import NonNegative, Positive, Probability
 
@@ -124,7 +124,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     out[0], out[1], out[2], out[3], out[4] = volts, shown, volts * shown, m.energy, m.charge / row.capacity
 
 
-class Battery(BankSensor):
+class Battery(TableSensor[BatteryConfig]):
     """Each reading counts the charge and sets the supply. While the sensor is deactivated, neither changes."""
 
     doc = "Battery: voltage under load, current, power, and charge. It sets the supply voltage of the thrusters, and stops them when it is empty."
@@ -142,14 +142,13 @@ class Battery(BankSensor):
     settings: BatterySettings
 
     def __init__(self, config: BatteryConfig) -> None:
-        self._config, self.exact = config, config.ideal
         self._capacity = config.capacity_Ah * 3600.0
         self.arguments = (
             Argument(
                 "hotel_load_W", "float", "power that everything except the thrusters draws", "W", False, minimum=0.0
             ),
         )
-        super().__init__(settings=BatterySettings(config.hotel_load_W))
+        super().__init__(Pose(), config, BatterySettings(config.hotel_load_W))
 
     def fill(self, row: Any) -> None:
         c = self._config

@@ -12,7 +12,7 @@ from uwserver.modifiers.operations import rounded_ns
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Field
-from uwserver.sensors.bank import Bank, BankSensor, loop, place_of, record
+from uwserver.sensors.bank import Bank, TableSensor, loop, place_of, record
 from uwserver.sensors.base import Pose, SensorTable
 from uwserver.table import NonNegative
 
@@ -37,7 +37,7 @@ class ClockConfig(SensorTable, tag="clock", kw_only=True, frozen=True):
 
     def build(self, mount: Pose) -> ClockSensor:
         """Return the sensor; its mount does not matter."""
-        return ClockSensor(self)
+        return ClockSensor(Pose(), self)
 
 
 class ClockMemory(Memory):
@@ -61,7 +61,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     out[1] = shown / 1e9
 
 
-class ClockSensor(BankSensor):
+class ClockSensor(TableSensor[ClockConfig]):
     """UTC and elapsed time by the vehicle's clock."""
 
     doc = "UTC and elapsed time by the clock of the vehicle."
@@ -71,10 +71,6 @@ class ClockSensor(BankSensor):
     )
     bank = Bank(_RECORD, loop(measure))
     memory_type = ClockMemory
-
-    def __init__(self, config: ClockConfig) -> None:
-        self._config, self.exact = config, config.ideal
-        super().__init__()
 
     def turn_on_row(self, memory: Any) -> None:
         """Draw offset (s) and drift."""

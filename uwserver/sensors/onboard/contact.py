@@ -14,7 +14,7 @@ from uwserver.ports import Field
 from uwserver.sensors.bank import (
     MISSING,
     Bank,
-    BankSensor,
+    TableSensor,
     conjugate,
     loop,
     p_NB,
@@ -104,7 +104,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
         )
 
 
-class Contact(BankSensor):
+class Contact(TableSensor[ContactConfig]):
     """Contacts of the whole hull."""
 
     doc = "Contacts of the hull with bodies and things in the last tick: bumper, landing, collision."
@@ -112,7 +112,7 @@ class Contact(BankSensor):
     exact = True
 
     def __init__(self, config: ContactConfig) -> None:
-        self._config, n = config, config.points
+        n = config.points
         self.fields = (
             Field("touching", "1", "whether anything is touched", type="bool"),
             Field("count", "1", "number of contacts", type="int"),
@@ -126,7 +126,7 @@ class Contact(BankSensor):
             Field("points_B", "m", "contact points, the strongest first; x y z of each", "B", (n, 3)),
             Field("impulses_B", "N s", "impulse on this vehicle at each point", "B", (n, 3)),
         )
-        super().__init__()
+        super().__init__(Pose(), config)
 
     def fill(self, row: Any) -> None:
         row["points"], row["threshold"] = self._config.points, self._config.threshold_Ns

@@ -240,16 +240,11 @@ class Follow(Task, tag="follow", kw_only=True, frozen=True, dict=True):
     def judge(self, moment: Moment, done: Sequence[bool], piece: int) -> Verdict:
         """Return the metre above which the vehicle is, if it is inside the corridor."""
         here = self.nearest(moment.p)
-        ahead = self.at(min(here.s + _LEAD_M, self.length))
-        fly = (ahead[0], ahead[1], ahead[2] - 0.5 * sum(self.height_m))
-        height = here.p[2] - moment.p[2]
+        fly, height = self._above(self.at(min(here.s + _LEAD_M, self.length))), here.p[2] - moment.p[2]
+        if here.aside > self.aside_m and any(done):
+            return Verdict(-1, self._above(here.p), "too far to the side")
         if here.aside > self.aside_m:
-            back = (here.p[0], here.p[1], here.p[2] - 0.5 * sum(self.height_m))
-            return Verdict(
-                -1,
-                back if any(done) else self._start_goal(),
-                "too far to the side" if any(done) else "go to where it begins",
-            )
+            return Verdict(-1, self._above(self.path_ned_m[0]), "go to where it begins")
         if height > self.height_m[1]:
             return Verdict(-1, fly, "too high above it")
         if height < self.height_m[0]:
@@ -291,9 +286,9 @@ class Follow(Task, tag="follow", kw_only=True, frozen=True, dict=True):
         k = min(max(int(np.searchsorted(legs.before, s)) - 1, 0), len(legs.square) - 1)
         return legs.place(k, float((s - legs.before[k]) / math.sqrt(legs.square[k])))
 
-    def _start_goal(self) -> Vec3:
-        north, east, down = self.path_ned_m[0]
-        return (north, east, down - 0.5 * sum(self.height_m))
+    def _above(self, p: Vec3) -> Vec3:
+        """Return the middle of the corridor above a point of the path."""
+        return (p[0], p[1], p[2] - 0.5 * sum(self.height_m))
 
     def _lookout(self, s: float) -> Iterator[Vec3]:
         return (self.at(s + 0.5 * k) for k in range(int(2 * _LOOKOUT_M) + 1))

@@ -13,7 +13,7 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.ports import Field
-from uwserver.sensors.bank import MISSING, Bank, BankSensor, loop, record, shaft_speed
+from uwserver.sensors.bank import MISSING, Bank, TableSensor, loop, record, shaft_speed
 from uwserver.sensors.base import Named, Pose, Scope, SensorTable, Traits
 from uwserver.sensors.wiring import Wiring
 from uwserver.table import Name, NonNegative
@@ -65,7 +65,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
             out[k] += row.sigma * noise
 
 
-class Rpm(BankSensor):
+class Rpm(TableSensor[RpmConfig]):
     """Shaft speeds, computed from the open-water thrust at rest."""
 
     doc = "Shaft speed of thrusters; no value if the device file does not give it."
@@ -73,11 +73,10 @@ class Rpm(BankSensor):
     random = ("sigma",)
 
     def __init__(self, config: RpmConfig) -> None:
-        self._config, self.exact = config, config.ideal
         self._places = [-1] * len(config.members)
         order = ", ".join(config.members)
         self.fields = (Field("speeds", "rad/s", f"shaft speed, order: {order}", "", (len(config.members),)),)
-        super().__init__()
+        super().__init__(Pose(), config)
 
     def wire(self, wiring: Wiring) -> None:
         """Find the numbers of its thrusters among those of the vehicle. They stay the same when other vehicles are added or removed."""

@@ -14,7 +14,7 @@ from uwserver.ports import Argument, BeamView, Field
 from uwserver.sensors.bank import (
     MISSING,
     Bank,
-    BankSensor,
+    TableSensor,
     aim_loop,
     p_NS,
     q_NS,
@@ -123,7 +123,7 @@ def measure(
         out[i] = _range(head, row, i, hits.distance[begin + i])
 
 
-class RangeArray(BankSensor):
+class RangeArray(TableSensor[RangeArrayConfig]):
     """Distances to the first solid thing on each ray."""
 
     doc = "Distances along thin rays, from port to starboard; a ray that hits nothing has no value. Invalid while the sensor is in air."
@@ -132,14 +132,14 @@ class RangeArray(BankSensor):
     settings: RangeSettings
 
     def __init__(self, mount: Pose, config: RangeArrayConfig) -> None:
-        self._config, self.exact, self.rays = config, config.ideal, config.beams
+        self.rays = config.beams
         self.fields = (Field("ranges", "m", "distance along each ray", "", (config.beams,)),)
         self.arguments = (
             Argument(
                 "max_range_m", "float", "limit of the measured distance", "m", required=False, minimum=0.01, maximum=1e4
             ),
         )
-        super().__init__(mount, RangeSettings(config.max_range_m))
+        super().__init__(mount, config, RangeSettings(config.max_range_m))
 
     def fill(self, row: Any) -> None:
         c, field = self._config, rad(self._config.field_of_view_deg)

@@ -17,7 +17,7 @@ from uwserver.ports import Field
 from uwserver.sensors.bank import (
     MISSING,
     Bank,
-    BankSensor,
+    TableSensor,
     gauge_pressure,
     loop,
     p_NS,
@@ -122,7 +122,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     out[3] = practical_salinity(conductivity, temperature, gauge / _DECIBAR)
 
 
-class Ctd(BankSensor):
+class Ctd(TableSensor[CtdConfig]):
     """Water at the mount."""
 
     doc = "Conductivity, temperature and pressure of the water, and the practical salinity computed from them; no values in air."
@@ -135,10 +135,6 @@ class Ctd(BankSensor):
     bank = Bank(_RECORD, loop(measure))
     random = ("temperature_sigma", "conductivity_sigma", "pressure_sigma")
     memory_type = CtdMemory
-
-    def __init__(self, mount: Pose, config: CtdConfig) -> None:
-        self._config, self.exact = config, config.ideal
-        super().__init__(mount)
 
     def fill(self, row: Any) -> None:
         c = self._config

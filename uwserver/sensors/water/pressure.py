@@ -13,7 +13,7 @@ from uwserver.ports import Field
 from uwserver.sensors.bank import (
     MISSING,
     Bank,
-    BankSensor,
+    TableSensor,
     depth_of,
     gauge_pressure,
     loop,
@@ -64,13 +64,9 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     out[0] = gauge / (row.scale * place.gravity) if row.scale > 0.0 else depth_of(now, gauge)
 
 
-class _Manometer(BankSensor):
+class _Manometer(TableSensor[PressureConfig]):
     bank = Bank(_RECORD, loop(measure))
     exact = True
-
-    def __init__(self, mount: Pose, config: PressureConfig) -> None:
-        self._config = config
-        super().__init__(mount)
 
     def fill(self, row: Any) -> None:
         c = self._config

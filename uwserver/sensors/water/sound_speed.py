@@ -14,7 +14,7 @@ from uwserver.ports import Field
 from uwserver.sensors.bank import (
     MISSING,
     Bank,
-    BankSensor,
+    TableSensor,
     loop,
     p_NS,
     record,
@@ -70,7 +70,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
         out[0] += row.m.offset + row.sigma * noise
 
 
-class SoundSpeed(BankSensor):
+class SoundSpeed(TableSensor[SoundSpeedConfig]):
     """Speed of sound at the mount."""
 
     doc = "Speed of sound in the water at the mount; no value in air."
@@ -78,10 +78,6 @@ class SoundSpeed(BankSensor):
     bank = Bank(_RECORD, loop(measure))
     random = ("sigma",)
     memory_type = SoundSpeedMemory
-
-    def __init__(self, mount: Pose, config: SoundSpeedConfig) -> None:
-        self._config, self.exact = config, config.ideal
-        super().__init__(mount)
 
     def fill(self, row: Any) -> None:
         row["sigma"] = self._config.sigma_mps

@@ -10,7 +10,7 @@ import pytest
 
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.geometry.shapes import Box, Capsule, ConvexHull, Cylinder, HalfSpace, Placed, Solid, Sphere
-from uwserver.scenario.build.outlines import outline_of
+from uwserver.scenario.build.members import outline_of
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load

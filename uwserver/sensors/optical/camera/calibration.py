@@ -15,8 +15,7 @@ from msgspec import UnsetType
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.sensors.base import SensorTable
 from uwserver.sensors.optical.camera.config import CameraTable
-from uwserver.sensors.optical.camera.lens import Lens
-from uwserver.sensors.optical.camera.window import outside
+from uwserver.sensors.optical.camera.lens import Lens, outside
 
 DISTANCE_M = 2.0
 """Distance of the board."""

@@ -10,8 +10,7 @@ from msgspec import UNSET, Meta, UnsetType
 
 from uwserver.frames import rotate
 from uwserver.sensors.base import Pose, SensorTable
-from uwserver.sensors.optical.camera.lens import Lens, Model, lens_of, padded
-from uwserver.sensors.optical.camera.window import DomePort, FlatPort, Window, outside
+from uwserver.sensors.optical.camera.lens import DomePort, FlatPort, Lens, Model, Window, lens_of, outside, padded
 from uwserver.table import NonNegative, Positive, Probability
 from uwserver.units import rad
 

@@ -1,19 +1,25 @@
-"""Models of lenses: from pixels to directions in the air behind the port, and back.
+"""Lenses and the ports of camera housings: from pixels to directions in the air behind the port and back, and to rays in the water.
 
 Directions are in S, the frame of the sensor: x along the optical axis, y to the right of the picture, z down. Pixel coordinates begin at the middle
 of the first pixel: u to the right, v down. Models and the order of their coefficients are those of OpenCV and ROS: Brown-Conrady k1 k2 p1 p2 k3
 (D. C. Brown, Close-range camera calibration, Photogrammetric Engineering 37 (1971) 855), and Kannala-Brandt k1 to k4 (A generic camera model
 and calibration method, IEEE PAMI 28 (2006) 1335), which OpenCV calls fisheye and ROS equidistant.
+
+A port is the window of a housing. A ray is followed from the entrance pupil, the origin of S, out of the housing. A flat port bends rays so that
+they do not meet in one point (T. Treibitz et al., Flat refractive geometry, IEEE PAMI 34 (2012) 51), so each pixel has an origin as well as a
+direction. A dome bends nothing if its centre is the pupil.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
+from msgspec import Meta
 
 from uwserver.physics.kernel.arrays import FloatArray
+from uwserver.table import Table
 
 Model = Literal["pinhole", "brown_conrady", "fisheye"]
 STEPS = 20
@@ -22,6 +28,10 @@ _NEWTON = 20
 _EDGE = 64
 """Pixels along each edge that `check` tries."""
 _FOLDED_PX = 0.01
+
+WATER_INDEX = 1.34
+"""Refractive index of sea water in green light (X. Quan and E. S. Fry, Appl. Opt. 34 (1995) 3477: 1.339 to 1.343 at 35, 10 degC)."""
+ACRYLIC_INDEX = 1.49
 
 
 class Lens(NamedTuple):
@@ -108,10 +118,10 @@ def lens_of(
     half, reach = 0.5 * max(width - 1, 1), 0.5 * field_of_view
     coefficients = padded(model, coefficients)
     if model == "fisheye":
-        bent = float(_fisheye_radius(np.array([reach]), coefficients)[0])
-        if not bent > 0.0:
+        edge = float(_fisheye_radius(np.array([reach]), coefficients)[0])
+        if not edge > 0.0:
             raise ValueError("the distortion folds the picture within the field of view: check the coefficients")
-        f = half / bent
+        f = half / edge
     else:
         f = half / math.tan(reach)
     return Lens(width, height, f, f, 0.5 * (width - 1), 0.5 * (height - 1), model, coefficients)
@@ -144,8 +154,8 @@ def _undistorted(x: FloatArray, y: FloatArray, k: tuple[float, ...]) -> tuple[Fl
 def _fisheye_radius(theta: FloatArray, k: tuple[float, ...]) -> FloatArray:
     """Return the radius (in focal lengths) at an angle off the axis."""
     s = theta * theta
-    bent: FloatArray = theta * (1.0 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3]))))
-    return bent
+    radius: FloatArray = theta * (1.0 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3]))))
+    return radius
 
 
 def _fisheye_directions(x: FloatArray, y: FloatArray, k: tuple[float, ...]) -> FloatArray:
@@ -159,3 +169,102 @@ def _fisheye_directions(x: FloatArray, y: FloatArray, k: tuple[float, ...]) -> F
     across = np.where(radius > 0.0, np.sin(theta) / np.where(radius > 0.0, radius, 1.0), 1.0)
     rays: FloatArray = np.stack((np.cos(theta), across * x, across * y), axis=-1)
     return rays
+
+
+_Index = Annotated[float, Meta(ge=1, le=3)]
+
+
+class FlatPort(Table, tag="flat", tag_field="kind", kw_only=True, frozen=True):
+    """A plane window across the optical axis. The picture shrinks by a third, and more towards its corners.
+
+    Attributes:
+        distance_m: distance of its inner face from the entrance pupil.
+        thickness_m, index: thickness and refractive index of the window.
+    """
+
+    distance_m: Annotated[float, Meta(ge=0, le=1)] = 0.01
+    thickness_m: Annotated[float, Meta(ge=0, le=0.5)] = 0.005
+    index: _Index = ACRYLIC_INDEX
+
+
+class DomePort(Table, tag="dome", tag_field="kind", kw_only=True, frozen=True):
+    """A spherical window.
+
+    Attributes:
+        radius_m: radius of its outer face.
+        thickness_m, index: thickness and refractive index of its wall.
+        offset_m: distance of its centre ahead of the entrance pupil. With 0 it bends no light.
+    """
+
+    radius_m: Annotated[float, Meta(gt=0, le=1)] = 0.05
+    thickness_m: Annotated[float, Meta(ge=0, le=0.2)] = 0.003
+    offset_m: Annotated[float, Meta(ge=-1, le=1)] = 0.0
+    index: _Index = ACRYLIC_INDEX
+
+
+Window = FlatPort | DomePort | None
+
+
+class Bundle(NamedTuple):
+    """Rays outside the housing, in S: origins (n, 3), m, and unit directions (n, 3)."""
+
+    origin: FloatArray
+    direction: FloatArray
+
+
+def outside(window: Window, direction: FloatArray, water: float = WATER_INDEX) -> Bundle:
+    """Return the rays outside the housing.
+
+    Args:
+        window: None if the lens is in the water, or if the camera was calibrated in water.
+        direction: (n, 3) unit directions inside the housing.
+        water: refractive index of the medium outside; 1 for a camera in air.
+
+    Raises:
+        ValueError: a ray does not get through.
+    """
+    if window is None:
+        return Bundle(np.zeros_like(direction), direction.copy())
+    if isinstance(window, FlatPort):
+        if bool((direction[:, 0] <= 1e-3).any()):
+            raise ValueError(
+                "a flat port lets nothing in from the side: give a field of view below 175 degrees, or a dome"
+            )
+        axis = np.zeros_like(direction)
+        axis[:, 0] = 1.0
+        at = direction * (window.distance_m / direction[:, :1])
+        inside = bent(direction, axis, 1.0 / window.index)
+        at = at + inside * (window.thickness_m / inside[:, :1])
+        return Bundle(at, bent(inside, axis, window.index / water))
+    inner = window.radius_m - window.thickness_m
+    if not abs(window.offset_m) < inner:
+        raise ValueError("the pupil lies outside the dome: give a smaller offset or thickness")
+    centre = np.array((window.offset_m, 0.0, 0.0))
+    at, inside = np.zeros_like(direction), direction
+    for radius, ratio in ((inner, 1.0 / window.index), (window.radius_m, window.index / water)):
+        at = at + inside * _reach(at - centre, inside, radius)
+        inside = bent(inside, (at - centre) / radius, ratio)
+    return Bundle(at, inside)
+
+
+def bent(direction: FloatArray, normal: FloatArray, ratio: float) -> FloatArray:
+    """Return unit directions (n, 3) after a face (Snell), whose unit normals (n, 3) point in the direction in which rays are followed.
+
+    Args:
+        direction, normal: of each ray.
+        ratio: refractive index before the face over the index after it.
+    """
+    along = np.einsum("ij,ij->i", direction, normal)[:, None]
+    square = 1.0 - ratio * ratio * (1.0 - along * along)
+    if bool((square < 0.0).any()):
+        raise ValueError("light is totally reflected in the port: give a smaller field of view or offset")
+    out: FloatArray = ratio * direction + (np.sqrt(square) - ratio * along) * normal
+    return out
+
+
+def _reach(start: FloatArray, direction: FloatArray, radius: float) -> FloatArray:
+    """Return (n, 1) the distance from points inside a sphere about zero to the sphere, along rays."""
+    b = np.einsum("ij,ij->i", start, direction)
+    c = np.einsum("ij,ij->i", start, start) - radius * radius
+    reach: FloatArray = (-b + np.sqrt(b * b - c))[:, None]
+    return reach

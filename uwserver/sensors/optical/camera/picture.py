@@ -23,10 +23,9 @@ from uwserver.sensors.optical.camera.lamps import (
     light_rays,
     veil_of,
 )
-from uwserver.sensors.optical.camera.lens import Lens
+from uwserver.sensors.optical.camera.lens import WATER_INDEX, FlatPort, Lens, Window, outside
 from uwserver.sensors.optical.camera.view import View, quat_of
 from uwserver.sensors.optical.camera.visible import Plane, Visible
-from uwserver.sensors.optical.camera.window import WATER_INDEX, FlatPort, Window, outside
 
 _LEAST_LUX = 0.02
 """Shadows of a lamp are left out where its light is weaker than this."""
@@ -195,7 +194,8 @@ class Optics:
             _meet_plane(buffers, plane, base)
             counts[visible.ids[plane.thing], 1] += np.count_nonzero(buffers.face >= 0)
         for number, thing, scene in visible.alone():
-            placed, there = rays.Placed(scene, thing, visible.first_of(thing)), sees == thing
+            first = int(np.argmax(visible.faces["thing"] == thing))
+            placed, there = rays.Placed(scene, thing, first), sees == thing
             counts[number, 1] += np.count_nonzero(there)
             # Nothing is between a camera and the body that carries it.
             if visible.rows[thing] == view.own >= 0 or not cone.meets(_balls(placed, things)):

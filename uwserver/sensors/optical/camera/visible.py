@@ -256,10 +256,6 @@ class Visible:
         scene = pick_scene(corners[rows], np.zeros(3))
         return Placed(scene, placed.thing, placed.first, placed.first + rows)
 
-    def first_of(self, thing: int) -> int:
-        """Return the first row of FACE of a row of THING."""
-        return int(np.argmax(self.faces["thing"] == thing))
-
     def placed(self, state: FloatArray, base: FloatArray) -> Any:
         """Return THING of a picture.
 

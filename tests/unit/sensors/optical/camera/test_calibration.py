@@ -7,7 +7,7 @@ import pytest
 
 from uwserver.sensors import CameraConfig
 from uwserver.sensors.optical.camera.calibration import as_opencv, as_ros, calibration
-from uwserver.sensors.optical.camera.window import WATER_INDEX, DomePort, FlatPort, outside
+from uwserver.sensors.optical.camera.lens import WATER_INDEX, DomePort, FlatPort, outside
 
 
 def config(**keys: object) -> CameraConfig:

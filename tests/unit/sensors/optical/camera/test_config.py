@@ -7,7 +7,7 @@ import pytest
 
 from uwserver.sensors import CameraConfig, Pose
 from uwserver.sensors.optical.camera.config import gain_of
-from uwserver.sensors.optical.camera.window import DomePort, FlatPort
+from uwserver.sensors.optical.camera.lens import DomePort, FlatPort
 
 
 @pytest.mark.parametrize(

@@ -14,11 +14,10 @@ from uwserver.frames import quat_from_rpy
 from uwserver.physics.geometry.shapes import Box, Sphere, TriangleMesh
 from uwserver.sensors.optical.camera.faces import Paint
 from uwserver.sensors.optical.camera.lamps import LampAt
-from uwserver.sensors.optical.camera.lens import lens_of
+from uwserver.sensors.optical.camera.lens import FlatPort, lens_of
 from uwserver.sensors.optical.camera.picture import Optics
 from uwserver.sensors.optical.camera.rays import Buffers, Placed
 from uwserver.sensors.optical.camera.view import Pose
-from uwserver.sensors.optical.camera.window import FlatPort
 
 LENS = lens_of((64, 48), 1.2)
 MIDDLE = 24 * 64 + 32

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from uwserver.sensors.optical.camera.lens import lens_of
-from uwserver.sensors.optical.camera.window import WATER_INDEX, DomePort, FlatPort, outside
+from uwserver.sensors.optical.camera.lens import WATER_INDEX, DomePort, FlatPort, lens_of, outside
 
 LENS = lens_of((640, 480), 1.2)
 
