@@ -43,7 +43,7 @@ class Snapshot(Struct, frozen=True, eq=False):
         # Compared as bytes, because NaN does not equal itself.
         return isinstance(other, Snapshot) and _encoded(self) == _encoded(other)
 
-    __hash__ = None  # snapshots are not kept in sets
+    __hash__ = None  # type: ignore[assignment]  # snapshots are not kept in sets
 
 
 def _encoded(snapshot: Snapshot) -> bytes:

@@ -16,8 +16,8 @@ from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import CompoundConfig, IdealSensor, ModemTable, Pose, RpmConfig, Scope, SensorConfig, SensorTable
 from uwserver.sensors.acoustic.bathymetry import BathymetryConfig
-from uwserver.sensors.acoustic.positioning.interrogation import Beacon
 from uwserver.sensors.acoustic.multibeam import MultibeamConfig
+from uwserver.sensors.acoustic.positioning.interrogation import Beacon
 from uwserver.sensors.onboard.tasks import HoldDepth
 from uwserver.sensors.onboard.training import TrainingConfig
 from uwserver.sensors.optical.camera.camera import CameraConfig

@@ -46,7 +46,7 @@ def effects(name: str, fault: FaultTable, targets: Targets, rng: np.random.Gener
     kinds: tuple[type[FaultConfig], ...] = get_args(FaultConfig)
     if isinstance(fault, kinds):
         return {name: fault}
-    built: object = fault.build(targets, rng)  # every kind of an extension has it
+    built: object = fault.build(targets, rng)  # type: ignore[attr-defined]  # every kind of an extension has it
     if not isinstance(built, tuple | list) or not built or not all(isinstance(each, kinds) for each in built):
         raise ValueError(f"build() must give a tuple of faults of shipped kinds, not {built!r}")
     return {f"{name}/{k}": each for k, each in enumerate(built, 1)}
