@@ -19,7 +19,6 @@ from uwserver.adapter.access import (
 )
 from uwserver.adapter.base import AdapterBase
 from uwserver.adapter.bounds import MESSAGE_LIMIT, STRANGER_LIMIT
-from uwserver.adapter.chores import Chores
 from uwserver.adapter.connection import HIGH_WATER, LINGER_S, TURN_S, Connection
 from uwserver.adapter.contract import (
     ENTRY_POINT_GROUP,
@@ -36,7 +35,6 @@ from uwserver.adapter.contract import (
     load_adapter,
 )
 from uwserver.adapter.conversation import UNANSWERED, Conversation, OnAnswer, Owed
-from uwserver.adapter.datagrams import DatagramTurns
 from uwserver.adapter.foreign import REFUSALS, FirstBytes, http_answer
 from uwserver.adapter.framing import EncodingName, Frames, Lines, TooLong, Undecodable, decode, frame, line
 from uwserver.adapter.limits import RateMeter, TurnTimes, within
@@ -67,6 +65,7 @@ from uwserver.adapter.refusals import CannotServe, Refusals, did_you_mean
 from uwserver.adapter.salvage import json_member, msgpack_member
 from uwserver.adapter.serial_port import SerialPort
 from uwserver.adapter.threads import Inbox, InOrder, Worker
+from uwserver.adapter.turns import Chores, DatagramTurns, InputTurns
 from uwserver.adapter.values import SampleForm, in_pieces, raw_field
 from uwserver.adapter.world import VehicleFacts, WorldFacts
 from uwserver.modifiers.choosing import NOBODY, NOT_BEGUN, UNKNOWN, NotMet, choose
@@ -107,7 +106,7 @@ __all__ = [
     "FirstBytes",
     "Frames",
     "InOrder",
-    "Inbox",
+    "Inbox", "InputTurns",
     "Lines",
     "Listener",
     "Lockout",

@@ -8,9 +8,9 @@ from typing import cast
 
 from uwserver.adapter import (
     AdapterContext,
-    Chores,
     Connection,
     DatagramTurns,
+    InputTurns,
     Peers,
     RateMeter,
     Refusals,
@@ -217,27 +217,26 @@ class SerialPeer:
     def __init__(self, path: str, served: ServedDevice, context: AdapterContext) -> None:
         self._served = served
         self.port = SerialPort(path, context, opened=self._begin, received=self._receive, closed=self._end)
+        self._turns = InputTurns(self._step, self.port.pause, self.port.resume)
         self._begin()
 
     def _begin(self) -> None:
         self._reader = self._served.device.reader()
-        self._chores = Chores()
 
     def _end(self) -> None:
-        self._chores.close()
+        self._turns.stop()
 
     def _receive(self, data: bytes) -> None:
         self._reader.receive(data)
-        if not self._chores:
-            self._chores.add(self._work())
+        self._turns.begin()
 
-    def _work(self) -> Iterator[None]:
-        """Take stored messages, in turns. While some are left nothing more is read of the line."""
-        self.port.pause()
-        while (event := self._reader.next_event()) is not None:
-            self._served.take(event, self._reply)
-            yield
-        self.port.resume()
+    def _step(self) -> bool:
+        """Take the next stored message."""
+        event = self._reader.next_event()
+        if event is None:
+            return False
+        self._served.take(event, self._reply)
+        return True
 
     def _reply(self, data: bytes) -> None:
         if not self.port.is_open:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from uwserver.adapter import Chores, chores
+from uwserver.adapter import Chores, InputTurns, turns
 
 
 def _steps(said: list[str], name: str, count: int) -> Iterator[None]:
@@ -17,8 +17,8 @@ def _steps(said: list[str], name: str, count: int) -> Iterator[None]:
 
 
 def test_one_after_the_other_with_turns_of_others_between(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(chores, "TURN_S", 0.0)
-    monkeypatch.setattr(chores, "REST_S", 0.0)
+    monkeypatch.setattr(turns, "TURN_S", 0.0)
+    monkeypatch.setattr(turns, "REST_S", 0.0)
 
     async def scene() -> None:
         said: list[str] = []
@@ -67,5 +67,32 @@ def test_closed_it_does_nothing_more() -> None:
         await asyncio.sleep(0.01)
         assert said == []
         assert len(jobs) == 0
+
+    asyncio.run(scene())
+
+
+def test_input_is_handled_in_turns_and_nothing_is_read_in_a_rest(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(turns, "TURN_S", 0.0)
+    monkeypatch.setattr(turns, "REST_S", 0.0)
+
+    async def scene() -> None:
+        stored, life = [1, 2], []
+
+        def step() -> bool:
+            life.append("step")
+            return bool(stored) and bool(stored.pop())
+
+        taking = InputTurns(step, lambda: life.append("pause"), lambda: life.append("resume"))
+        taking.begin()
+        taking.begin()
+        assert life == ["step", "pause"]
+        while "resume" not in life:
+            await asyncio.sleep(0)
+        assert life == ["step", "pause", "step", "pause", "step", "resume"]
+        stored.append(3)
+        taking.begin()
+        taking.stop()
+        await asyncio.sleep(0.01)
+        assert life[6:] == ["step", "pause"]
 
     asyncio.run(scene())

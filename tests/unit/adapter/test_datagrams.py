@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from uwserver.adapter import DatagramTurns, TurnTimes, datagrams
-from uwserver.adapter.datagrams import OVERHEAD, WAITING, WAITING_OF_ALL
+from uwserver.adapter import DatagramTurns, TurnTimes, turns
+from uwserver.adapter.turns import OVERHEAD, WAITING, WAITING_OF_ALL
 
 TURN_S, REST_S = 2.0, 4.0
 
@@ -56,7 +56,7 @@ class Rig:
 @pytest.fixture
 def rig(monkeypatch: pytest.MonkeyPatch) -> Rig:
     rig = Rig()
-    monkeypatch.setattr(datagrams.asyncio, "get_running_loop", lambda: rig.loop)
+    monkeypatch.setattr(turns.asyncio, "get_running_loop", lambda: rig.loop)
     return rig
 
 

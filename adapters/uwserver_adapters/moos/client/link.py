@@ -8,7 +8,7 @@ import logging
 from collections.abc import Callable, Sequence
 from typing import cast
 
-from uwserver.adapter import TURN_S
+from uwserver.adapter import InputTurns
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.clock import MoosClock
 from uwserver_adapters.moos.wire import Malformed, Message, Packet, Skipped
@@ -19,8 +19,6 @@ BEAT_S = 1.0
 """Wall time between two heartbeats. A MOOSDB gives up after 5 s of silence."""
 WAITING = 4 << 20
 """Bytes that may wait for a database that does not read. Samples are dropped above that."""
-REST_S = 0.004
-"""Wall time in which others have their turn, once the database has used up its turn."""
 
 
 class LinkLost(Exception):
@@ -52,7 +50,7 @@ class Link(asyncio.Protocol):
         self._clock = clock
         self._take = take
         self._decoder = wire.Decoder(skips=True)
-        self._turn: asyncio.TimerHandle | None = None
+        self._turns: InputTurns
         self._has_skipped = False
         self._transport: asyncio.Transport
         self._loop = asyncio.get_running_loop()
@@ -67,6 +65,7 @@ class Link(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Greet the database."""
         self._transport = cast(asyncio.Transport, transport)
+        self._turns = InputTurns(self._step, self._transport.pause_reading, self._read_on)
         self._greeted = self._clock.now()
         name = Message(wire.DATA, wire.ASYNCHRONOUS, data=self._name.encode(), kind=wire.STRING, time=self._greeted)
         self._transport.write(wire.HELLO + wire.packet([wire.encode(name)]))
@@ -75,30 +74,26 @@ class Link(asyncio.Protocol):
         """Take packets in pieces of any size."""
         self._heard = self._loop.time()
         self._decoder.receive(data)
-        if self._turn is None:
-            self._work()
+        # In turns, because everything that other clients write comes through the database, which holds none of them back.
+        self._turns.begin()
 
-    def _work(self) -> None:
-        """Take stored packets for one turn. All that other clients write comes through the database, which holds none of them back."""
-        self._turn = None
-        end = self._loop.time() + TURN_S
-        while (event := self._decoder.next_event()) is not None:
-            if isinstance(event, Malformed):
-                self._end(f"the peer is no MOOSDB: {event.text}")
-            elif isinstance(event, Packet) and self.is_joined:
-                self._packet(event.messages)
-            elif isinstance(event, Packet):
-                self._welcome(event.messages)
-            elif isinstance(event, Skipped) and not self._has_skipped:
-                self._has_skipped = True
-                log.warning("%s passes over what the MOOSDB sends: %s", self._name, event.text)
-            if self._lost.done():
-                return
-            if self._loop.time() >= end:
-                self._transport.pause_reading()
-                self._turn = self._loop.call_later(REST_S, self._work)
-                return
-        self._transport.resume_reading()
+    def _step(self) -> bool:
+        """Take the next stored packet."""
+        event = self._decoder.next_event()
+        if isinstance(event, Malformed):
+            self._end(f"the peer is no MOOSDB: {event.text}")
+        elif isinstance(event, Packet) and self.is_joined:
+            self._packet(event.messages)
+        elif isinstance(event, Packet):
+            self._welcome(event.messages)
+        elif isinstance(event, Skipped) and not self._has_skipped:
+            self._has_skipped = True
+            log.warning("%s passes over what the MOOSDB sends: %s", self._name, event.text)
+        return event is not None and not self._lost.done()
+
+    def _read_on(self) -> None:
+        if not self._lost.done():
+            self._transport.resume_reading()
 
     def connection_lost(self, error: Exception | None) -> None:
         """End: the database went, or we closed."""
@@ -106,9 +101,7 @@ class Link(asyncio.Protocol):
 
     def _end(self, text: str) -> None:
         self.is_joined = False
-        if self._turn is not None:
-            self._turn.cancel()
-            self._turn = None
+        self._turns.stop()
         for future in (self.joined, self._lost):
             if not future.done():
                 future.set_exception(LinkLost(text))

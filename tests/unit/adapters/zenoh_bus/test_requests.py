@@ -14,7 +14,7 @@ from uwserver_adapters.zenoh_bus.codec import PAYLOAD_LIMIT, Codec
 from uwserver_adapters.zenoh_bus.keys import KeyScheme
 from uwserver_adapters.zenoh_bus.requests import AT_ONCE, Put, Question, Requests
 
-from uwserver.adapter import UNANSWERED, chores
+from uwserver.adapter import UNANSWERED, turns
 from uwserver.ports import Fault, Reply
 from uwserver.testing import FakeContext
 from uwserver.testing.fake_context import DEPTH
@@ -237,8 +237,8 @@ def test_answers_of_services_and_ports():
 
 def test_last_values_of_many_ports_are_answered_in_pieces(monkeypatch):
     """Those of 600 ports took 3 ms of the loop in one piece."""
-    monkeypatch.setattr(chores, "TURN_S", 0.0)
-    monkeypatch.setattr(chores, "REST_S", 0.0)
+    monkeypatch.setattr(turns, "TURN_S", 0.0)
+    monkeypatch.setattr(turns, "REST_S", 0.0)
 
     async def test(desk: Desk) -> None:
         ports = {f"v{n}/depth": msgspec.structs.replace(DEPTH, path=f"v{n}/depth") for n in range(200)}

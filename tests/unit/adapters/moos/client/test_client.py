@@ -16,7 +16,7 @@ from uwserver_adapters.moos.clock import DatabaseClock, MoosClock
 from uwserver_adapters.moos.config import BridgeTable, CommunityTable, MoosConfig, MoosDbConfig, NavTable, Target
 from uwserver_adapters.moos.wire import Message
 
-from uwserver.adapter import CannotServe
+from uwserver.adapter import CannotServe, InputTurns
 from uwserver.ports import Sample
 
 POSE = Sample("auv/truth/pose", 0, 0, 0, True, ((10.0, 20.0, 5.0), (1.0, 0.0, 0.0, 0.0)))
@@ -376,12 +376,12 @@ async def test_a_packet_that_is_too_long_is_passed_over(join, until, caplog):
 
 async def test_what_a_database_floods_us_with_is_taken_in_turns(join, until, monkeypatch):
     """With no time in a turn each read has its own; all is taken, in its order."""
-    monkeypatch.setattr(link, "TURN_S", 0.0)
-    monkeypatch.setattr(link, "REST_S", 0.0)
+    monkeypatch.setattr("uwserver.adapter.turns.TURN_S", 0.0)
+    monkeypatch.setattr("uwserver.adapter.turns.REST_S", 0.0)
     many = packet(*(wire.notify("DESIRED_THRUST", float(k % 100), 4e9, "helm") for k in range(3000)))
     turns = []
-    work = link.Link._work
-    monkeypatch.setattr(link.Link, "_work", lambda self: (turns.append(1), work(self))[1])
+    work = InputTurns._work
+    monkeypatch.setattr(InputTurns, "_work", lambda self: (turns.append(1), work(self))[1])
     async with (
         Peer(WELCOME + many + packet(wire.notify("AUV_RUDDER_ANGLE_RAD", 0.1, 4e9, "helm"))) as peer,
         join(peer.port) as context,

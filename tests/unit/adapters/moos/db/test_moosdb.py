@@ -336,7 +336,7 @@ def test_large_mail_leaves_in_packets_of_bounded_size():
 
 
 async def test_the_world_takes_a_flood_in_turns_and_loses_nothing(tank, connect, until, monkeypatch):
-    monkeypatch.setattr("uwserver.adapter.chores.TURN_S", 0.0)
+    monkeypatch.setattr("uwserver.adapter.turns.TURN_S", 0.0)
     bridge = BridgeTable(commands={"DESIRED_THRUST": (Target(port="propeller", field="u", full=1.0),)})
     taken: list[int] = []
     async with tank(bridge=bridge) as context:
