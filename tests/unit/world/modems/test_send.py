@@ -73,7 +73,7 @@ def test_two_senders_are_no_conflict():
 @pytest.mark.parametrize(
     ("keys", "text"),
     [
-        ({"address": 5, "broadcast_address": 5}, "that for all"),
+        ({"address": 5, "broadcast_address": 5}, "the one for all"),
         ({"address": 300, "highest_address": 299}, "the highest of this modem"),
     ],
 )
