@@ -268,7 +268,7 @@ def test_a_world_that_diverges_stays_for_questions_and_the_exit_status_tells(res
         await until(lambda: simulation.world.tick > 0)
         simulation.steer(lambda: simulation.world.hydro.state.__setitem__((0, 7), float("nan")))
         await until(lambda: simulation.failure)
-        assert '"rov" diverged' in server._status()["failure"]
+        assert '"rov" diverged' in server.hub.status()["failure"]
 
     assert serve(resolved, script) == 1
 
