@@ -50,9 +50,9 @@ def test_a_codec_for_long(codec: str) -> None:
 # The targets themselves can fail: a fault in a codec is found within the inputs of every day.
 
 FAULTS: dict[str, tuple[str, object]] = {
-    "json": ("uwserver_adapters.native.requests.ID_LIMIT", 2),
-    "msgpack": ("uwserver_adapters.native.requests.ID_LIMIT", 0),
-    "websocket": ("uwserver_adapters.native.requests.ID_LIMIT", 0),
+    "json": ("uwserver_adapters.native.messages.ID_LIMIT", 2),
+    "msgpack": ("uwserver_adapters.native.messages.ID_LIMIT", 0),
+    "websocket": ("uwserver_adapters.native.messages.ID_LIMIT", 0),
     "mavlink": ("uwserver_adapters.mavlink.wire.frames._HEAD_2", 11),
     "moos_packets": ("uwserver_adapters.moos.wire.NAMES_LIMIT", 5),
     "moos_lines": ("uwserver_adapters.moos.text.lines._TAG", re.compile(r"#(\d{1,3})\s")),
@@ -67,7 +67,7 @@ FAULTS: dict[str, tuple[str, object]] = {
     "px4": ("uwserver_adapters.px4.codec.CONTROLS", 15),
     "zenoh": ("uwserver_adapters.zenoh_bus.requests.decode_caller", None),
     "http": ("uwserver.server.http.is_host_known", lambda host, hosts: True),
-    "replies_json": ("uwserver_adapters.native.requests.ID_LIMIT", 2),
+    "replies_json": ("uwserver_adapters.native.messages.ID_LIMIT", 2),
 }
 
 

@@ -62,7 +62,12 @@ def test_a_run_goes_on_from_a_file(scenario: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("content", "text"),
-    [(None, "No such file"), (b"", "no saved state"), (b"x" * 1000, "check sum"), (bytes(2**24 + 1), "at most")],
+    [
+        (None, "No such file"),
+        (b"", "must come with its size"),
+        (b"x" * 1000, "check sum"),
+        (bytes(2**24 + 1), "at most"),
+    ],
 )
 def test_a_wrong_file_ends_the_start(scenario: Path, tmp_path: Path, content: bytes | None, text: str) -> None:
     path = tmp_path / "x.uwstate"

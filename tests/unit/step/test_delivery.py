@@ -61,7 +61,7 @@ def test_a_reading_that_is_dropped_is_not_sent() -> None:
     slot = slot_of(dropped, latency_ns=-3)
     rig = Rig(slot)
     assert (rig.tick(1), slot.held, slot.number) == ([], None, 1)
-    assert rig.instruments.newest(slot.stream_numbers[0]) is None
+    assert not rig.instruments.streams.rows["newest"][slot.stream_numbers[0]]
 
 
 def test_without_anybody_due_only_what_is_on_its_way_is_delivered() -> None:

@@ -133,8 +133,8 @@ class AcousticModem(Modem):
         late = math.fsum(p for p, is_near in zip(power, near, strict=True) if not is_near)
         if useful <= 0.0:
             return None  # so weak that the power is rounded to 0
-        # At a, a ray leaves opposite to the direction from which the ray from b to a arrives.
-        x, y, z = ray(a, b, main.dip_b)
+        # At a, the ray leaves against the direction in which the ray from b to a ends there.
+        x, y, z = ray(b, a, main.dip_b)
         rejected = late * 10.0 ** (-0.1 * c.multipath_rejection_db)
         return Crossing(
             main.time, useful, noise, rejected, 10.0 * math.log10(useful), ray(b, a, main.dip_a), (-x, -y, -z)

@@ -13,6 +13,7 @@ from uwserver_adapters.ros.messages.source import Facts
 from uwserver_adapters.ros.messages.types import Types
 
 from uwserver.adapter import installed_adapters
+from uwserver.physics.kernel.fingerprint import kernel_name
 from uwserver.ports.messages import STANDARD
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.errors import ScenarioError
@@ -20,8 +21,8 @@ from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.scene.fittings import sensor_views
 from uwserver.sensors import Pose
-from uwserver.sensors.bank import BankSensor
-from uwserver.world.banks import banks_of_all
+from uwserver.sensors.bank import BankSensor, kernels
+from uwserver.world.banks import kernels_of
 from uwserver.world.piloting import Piloting
 
 SCENARIO = """
@@ -115,7 +116,8 @@ def test_shipped_kinds_have_the_fields_of_their_messages_and_the_stages_of_their
         built = config.build(Pose())
         assert set(STANDARD.get(config.message, ())) <= {field.name for field in built.fields}, config
         if isinstance(built, BankSensor):
-            (stage,) = (each for each in ("sensors", "soundings", "sonars") if id(built.bank) in banks_of_all(each))
+            names = {kernel_name(kernel.py_func) for kernel in kernels(built.bank)}
+            (stage,) = (each for each in ("sensors", "soundings", "sonars") if names <= {*kernels_of(each)})
             assert stage == "sensors" or stage in config.traits().stages, config
         seen.add(config.message)
     assert STANDARD.keys() - {"Teleport", "Wrench"} <= seen

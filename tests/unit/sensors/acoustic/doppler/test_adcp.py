@@ -37,7 +37,7 @@ from uwserver.testing import FakeGeometry, check_sensor
 from uwserver.testing.fake_geometry import Plane
 from uwserver.testing.sensors import measured, scopes
 
-SHIPPED = Path(__file__).parents[4] / "scenarios" / "uwserver_scenarios" / "devices"
+SHIPPED = Path(__file__).parents[5] / "scenarios" / "uwserver_scenarios" / "devices"
 DEEP = 200.0  # far from the surface
 CURRENT = (0.4, -0.3, 0.05)
 QUIET = AdcpConfig(rate_hz=2, cells=20, beam_sigma_mps=0.0, bottom_sigma_mps=0.0, bottom_range_sigma_m=0.0)

@@ -7,6 +7,6 @@ from uwserver.world import banks
 
 
 def test_all_that_python_calls_is_compiled_ahead() -> None:
-    banks.COMPILE["pictures"]()
+    banks.load("pictures")
     assert all(kernel.made().signatures for kernel in kernels.KERNELS)
     assert len(set(banks.kernels_of("pictures"))) == len(kernels.KERNELS)
