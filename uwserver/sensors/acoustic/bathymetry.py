@@ -117,7 +117,7 @@ class Bathymetry(PingingSonar):
             Field("max_range", "m", "range at which the device stops listening"),
             Field("gain", "dB", "gain of this ping: below 0 an echo must be stronger to count"),
             Field("frequency", "Hz", "of this ping"),
-            Field("sound_speed", "m/s", "by which the device makes ranges of times"),
+            Field("sound_speed", "m/s", "with which the device converts times to ranges"),
             Field("angle", "rad", "of each beam, from z towards y of the sensor", type="buffer", buffer=one),
             Field("range", "m", "of each beam, along it; NaN without an echo", type="buffer", buffer=one),
             Field("quality", "1", "of each range: 1 for an echo without noise, 0 for none", type="buffer", buffer=one),

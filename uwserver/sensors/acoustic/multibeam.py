@@ -177,7 +177,7 @@ class Multibeam(PingingSonar):
             Field("range", "m", "distance at the end of the last row"),
             Field("gain", "dB", "gain of this ping"),
             Field("frequency", "Hz", "of this ping"),
-            Field("sound_speed", "m/s", "by which the device makes ranges of times"),
+            Field("sound_speed", "m/s", "with which the device converts times to ranges"),
             Field("azimuth", "rad", "of each beam, from x towards y of the sensor", type="buffer", buffer=Layout("float32", (beams,))),
             Field("image", unit, what, type="buffer", buffer=layout),
         )  # fmt: skip

@@ -300,7 +300,7 @@ class Profiler(BankSonar):
             Field("max_range", "m", "range at which the device stops listening"),
             Field("gain", "dB", "gain of this ping"),
             Field("frequency", "Hz", "of this ping"),
-            Field("sound_speed", "m/s", "by which the device makes ranges of times"),
+            Field("sound_speed", "m/s", "with which the device converts times to ranges"),
             Field("head_angle", "rad", "where the beam points, from x towards y of the sensor"),
             Field("range", "m", "of the echo, along the beam; missing without one"),
             Field("level", "dB", "of the echo, re 1 uPa; missing without one"),

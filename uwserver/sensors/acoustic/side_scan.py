@@ -82,7 +82,7 @@ class SideScan(PingingSonar):
             Field("range", "m", "slant range at the end of the last bin"),
             Field("gain", "dB", "gain of this ping"),
             Field("frequency", "Hz", "of this ping"),
-            Field("sound_speed", "m/s", "by which the device makes ranges of times"),
+            Field("sound_speed", "m/s", "with which the device converts times to ranges"),
             Field("port", unit, f"{what} by range, nearest first, to port", type="buffer", buffer=layout),
             Field("starboard", unit, f"{what} by range, nearest first, to starboard", type="buffer", buffer=layout),
         )

@@ -331,7 +331,7 @@ def _fields(cells: int, slanted: int, beams: int) -> tuple[Field, ...]:
         Field("distances", "m", "middle of each cell: vertically from the device where cells are mapped, else along its axis", shape=(cells,)),
         Field("velocities_S", "m/s", "of the water relative to the mount; none without three beams", "S", (cells, 3)),
         Field("velocities_N", "m/s", "of the water over ground, by bottom track and the device's own attitude", "N", (cells, 3)),
-        Field("error_velocities", "m/s", "what four beams disagree by; as noisy as a horizontal component", shape=(cells,)),
+        Field("error_velocities", "m/s", "error velocity of four beams; as noisy as a horizontal component", shape=(cells,)),
         Field("beam_velocities", "m/s", "of the water relative to the mount, away along each beam; axial beam last", shape=(cells, beams)),
         Field("echoes", "dB", "of each cell and beam, over the noise", shape=(cells, beams)),
         Field("correlations", "1", "of each cell and beam", shape=(cells, beams)),

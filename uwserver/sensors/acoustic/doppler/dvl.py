@@ -300,7 +300,7 @@ class Dvl(BankSensor):
 
     doc = (
         "Doppler velocity log: velocity of the mount over ground (valid with at least three beams in lock) and relative to a layer of water, "
-        "altitude along the axis, and what each beam saw."
+        "altitude along the axis, and what each beam measured."
     )
     bank = Bank(_RECORD, ray_loop(measure), (aim_loop(aim),))
     random = ("beam_sigma", "range_sigma", "mistake_sigma", "water_sigma")

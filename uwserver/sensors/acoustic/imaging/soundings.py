@@ -21,7 +21,7 @@ _GROWTH = 2.5
 _ROUNDS = 16
 _LEAST_HALF = 1.5
 NOTHING_FOUND, BY_AMPLITUDE, BY_PHASE = 0, 1, 2
-"""How a range was found."""
+"""Methods by which a range is found."""
 _LEAST_GATES = 5
 """Least number of phases to fit a line to."""
 _COARSE = 0.3
