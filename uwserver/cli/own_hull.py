@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -51,6 +52,8 @@ def facing_their_hull(resolved: Resolved) -> Iterator[str]:
 def blocked(sensor: SensorConfig, mount: Pose, solid: Solid) -> tuple[float, float]:
     """Return the part of a sonar's power that meets a solid of its body in the initial attitude, and the distance (m) of the nearest point.
 
+    A sonar whose head turns meets its own vehicle in some directions only, which this does not judge: it counts as free.
+
     Args:
         sensor: the sonar's table, a `PingTable`.
         mount: pose of the sensor in B, X_BS.
@@ -60,7 +63,8 @@ def blocked(sensor: SensorConfig, mount: Pose, solid: Solid) -> tuple[float, flo
     from uwserver.physics.rays.casting import Rays
 
     built = sensor.build(mount)
-    assert isinstance(built, PingingSonar)
+    if not isinstance(built, PingingSonar):
+        return 0.0, math.inf
     lighting = built.head.lighting
     grid = lighting.swath.grid
     some = slice(None, None, max(len(grid.direction) // _MOST_RAYS, 1))

@@ -52,6 +52,15 @@ def test_one_that_looks_through_its_vehicle_is_not(tmp_path: Path) -> None:
     assert lines(tmp_path, [0.2, 0.0, -0.1], "") == []
 
 
+def test_a_profiler_whose_head_turns_is_not_judged(tmp_path: Path) -> None:
+    path = tmp_path / "sonar.toml"
+    text = SONAR.format(position=[0.2, 0.0, -0.1], more="sees_own_vehicle = true")
+    path.write_text(
+        text.replace('"multibeam"', '"profiler"').replace('profile = "oculus_m750d"\n', ""), encoding="utf-8"
+    )
+    assert list(facing_their_hull(load(path, adapters={}))) == []
+
+
 def test_the_part_of_the_power_that_is_lost() -> None:
     """Ahead of a box that is turned away from: none. Behind it: all. Above its edge, half the field of a sonar that looks along it."""
     sonar = MultibeamConfig(rate_hz=10)
