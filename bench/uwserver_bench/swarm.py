@@ -27,7 +27,7 @@ from uwserver_bench.swarm_threads import bench_threads
 BARS = {1: 400.0, 10: 60.0, 100: 6.0}
 """By number of vehicles: simulated over processor time."""
 TWO_CORES_BAR, THRUST_BAR = 10.0, 45.0
-CLIENT_BAR = 0.85
+CLIENT_BAR = 0.7
 """Of BARS, and of the rate without a client."""
 NOISE_BAR_US, SAMPLE_BAR_US = 0.3, 0.7
 BANK = 100
