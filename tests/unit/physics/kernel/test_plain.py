@@ -97,8 +97,9 @@ def test_an_edit_of_any_source_names_another_folder(tmp_path: Path) -> None:
 
 FALLING = """
 from uwserver.scenario.load.scenario import load
+from uwserver.adapter import installed_adapters
 from uwserver.scenario.build.world import build
-world = build(load("{scenario}", adapters={{}}))
+world = build(load("{scenario}", adapters=installed_adapters()))
 world.step(500)
 print(world.call("world/state_hash"))
 """
