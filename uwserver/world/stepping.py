@@ -15,8 +15,8 @@ from uwserver.world.step_table import LONGEST, StepTable
 from uwserver.world.timetable import needs_of
 
 _SERVED, _ALONE = 5120, 25_600
-"""Most ticks in one step for a world with one body; half as many with two. In a server they take about 20 ms; then their samples are handed
-on. In a program that steps its own world they take about 0.1 s; then it can be interrupted."""
+"""Most ticks in one step for a world with one body; half as many with two; never more than `LONGEST`. In a server they take 20 ms at most, about;
+then their samples are handed on. In a program that steps its own world they take 0.1 s at most, about; then it can be interrupted."""
 
 REASONS = {
     rows.PILOTS: "autopilots", rows.FORCES: "forces", rows.FIND: "contacts", rows.DRAW: "drifting currents",

@@ -62,7 +62,8 @@ class EntryCache(caching._Cache):  # type: ignore[misc]  # noqa: SLF001  # the b
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a kernel."""
-        if self._write is not None and not data.library.has_dynamic_globals:
+        code = data._asdict()["library"]  # numba's name for machine code that is loaded together
+        if self._write is not None and not code.has_dynamic_globals:
             self._write(file_name(self._kernel, sig), dumps(_reduced(data)))
 
     def enable(self) -> None:

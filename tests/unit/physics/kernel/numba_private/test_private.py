@@ -56,9 +56,10 @@ def test_a_compiled_kernel_holds_what_the_linker_and_the_cache_look_at() -> None
 
     assert half(np.array([3.0])) == 1.5
     (made,) = half.overloads.values()
+    code = made._asdict()["library"]  # numba's name for machine code that is loaded together
     for name in ("_linking_libraries", "_final_module", "_finalized", "_codegen", "has_dynamic_globals"):
-        assert hasattr(made.library, name), f"{name}: {REMEDY}"
-    assert callable(made.library._codegen.set_env), REMEDY
+        assert hasattr(code, name), f"{name}: {REMEDY}"
+    assert callable(code._codegen.set_env), REMEDY
     for name in ("llvm_func_name", "llvm_cpython_wrapper_name"):
         assert hasattr(made.fndesc, name), f"{name}: {REMEDY}"
     (name, kind, (machine_code, _)), *_ = made._reduce()
