@@ -1,15 +1,13 @@
-"""Actuators a vehicle can have: one file a family, one line in the union each."""
+"""The kinds of actuators: one file for each family, one line in the union for each kind."""
 
 from __future__ import annotations
 
-from uwserver.actuators.ballast import BallastConfig
 from uwserver.actuators.base import Actuator, ActuatorTable, Body, Devices, Given
 from uwserver.actuators.camera_mount import CameraMount, CameraMountConfig
 from uwserver.actuators.fin import FinConfig, FinsConfig
 from uwserver.actuators.force_torque import ForceTorqueConfig
 from uwserver.actuators.lamps import Lamps, LampsConfig
-from uwserver.actuators.moving_mass import MovingMassConfig
-from uwserver.actuators.propeller import PropellerConfig
+from uwserver.actuators.servo import BallastConfig, MovingMassConfig, PropellerConfig
 from uwserver.actuators.teleport import TeleportConfig
 from uwserver.actuators.thruster import ThrusterConfig, Thrusters, ThrustersConfig
 

@@ -1,8 +1,8 @@
-"""What an actuator is: it turns a checked command into rows of the kernel's arrays, and knows its neutral."""
+"""What an actuator is: it writes checked commands into rows of the kernel's arrays, and can go back to neutral."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
 
 from msgspec import Meta
@@ -12,7 +12,7 @@ from uwserver.ports import Field
 from uwserver.table import Table
 
 Given = tuple[tuple[float, ...] | None, ...]
-"""A checked command to an actuator that takes numbers alone: a tuple of floats per field, None where the sender left the field out."""
+"""A checked command to an actuator whose fields are all numbers: one tuple of floats for each field, None for a field that was left out."""
 
 LONGEST_TIMEOUT_S = 1e6
 Timeout = Annotated[float, Meta(ge=0, le=LONGEST_TIMEOUT_S)]
@@ -42,8 +42,8 @@ class ActuatorTable(Table, tag_field="kind", kw_only=True, frozen=True):
     """What the table of any actuator may hold; each has ``build(body) -> Actuator``.
 
     Attributes:
-        timeout_s: without a command for this long (simulation time) the actuator goes to neutral and says so; 0 for never.
-        enabled: False takes the actuator out.
+        timeout_s: after this long without a command (simulation time) the actuator goes to neutral and reports it; 0 for never.
+        enabled: False leaves the actuator out.
 
     A kind may also set:
         message: plain name of the standard message that its fields fit ("Wrench"), which belongs to no middleware; "" for none.
@@ -65,16 +65,16 @@ class ActuatorTable(Table, tag_field="kind", kw_only=True, frozen=True):
 
 
 class Body:
-    """The rows that an actuator of one vehicle may write.
+    """The rows that the actuators of one vehicle may write.
 
     Attributes:
         hydro: arrays of the world.
         row: the vehicle's body row.
         thrusters: thruster rows by name.
-        wrench: a wrench row: the vehicle's, or one of its own for an actuator of a kind with `own_wrench`.
+        wrench: a wrench row: the vehicle's, or a separate one for an actuator of a kind with `own_wrench`.
         servos: servo rows by table and name (``fins.rudder``).
         lamps: names of its lamps.
-        tilts: mounts that tilt: lowest and highest angle (rad), and how fast (rad/s), by name.
+        tilts: mounts that tilt, by name: lowest and highest angle (rad), and rate (rad/s).
     """
 
     def __init__(
@@ -87,39 +87,43 @@ class Body:
         lamps: tuple[str, ...] = (),
         tilts: Mapping[str, tuple[float, float, float]] | None = None,
     ) -> None:
-        self.hydro = hydro
-        self.row = row
-        self.thrusters = thrusters
-        self.wrench = wrench
-        self.servos = servos or {}
-        self.lamps = lamps
-        self.tilts = tilts or {}
+        self.hydro, self.row, self.wrench = hydro, row, wrench
+        self.thrusters, self.servos, self.lamps, self.tilts = thrusters, servos or {}, lamps, tilts or {}
 
     def push(self, force: Sequence[float], moment: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
-        """Hold a force (N) and a moment (N m) about the body origin, in B, from now on; each replaces the last."""
+        """Apply a force (N) and a moment (N m) about the body origin, in B, from now on. They replace those of the last call."""
         self.hydro.wrenches["bias"][self.wrench] = (*force, *moment)
 
 
-class Actuator(Protocol):
-    """One actuator; runs on the simulation thread.
+def check_members(noun: str, members: Sequence[str], present: Collection[str]) -> None:
+    """Raise ValueError if the vehicle lacks one of the members; the text lists those that it has. `noun` says what a member is: "fin"."""
+    for member in members:
+        if member not in present:
+            raise ValueError(f'no {noun} "{member}" here, there are: {", ".join(present) or "none"}')
 
-    Its state lies in the kernel's arrays, which `Body` gives it. One that remembers more has an attribute `memory`, a msgspec Struct of plain
-    typed values, and nothing beside it: it is saved with the world, and another of its type is put in its place when the world is restored.
-    One of which every command counts, not the last alone, has `takes_each = True`.
-    One that cannot take all that its fields allow has a method `objection(value) -> Fault | None`: its code is the reason as programs read it,
-    its text goes on where the name of the port stands before it.
+
+class Actuator(Protocol):
+    """One actuator. Its methods run on the simulation thread.
+
+    Its state is in the kernel's arrays, which `Body` gives it. An actuator that remembers more has an attribute `memory`: a msgspec Struct of plain
+    typed values, and no other state. The memory is saved with the world, and replaced by another one of its type when the world is restored.
+
+    An actuator for which every command counts, and not only the last one, has `takes_each = True`.
+
+    An actuator that cannot take all values that its fields allow has a method `objection(value) -> Fault | None`. The code of the fault is the
+    reason for programs; its text continues a sentence that begins with the name of the port.
     """
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """What a value tuple holds, in order."""
+        """The fields of a command, in order."""
 
     @property
     def doc(self) -> str:
         """One or two sentences for the port."""
 
     def apply(self, value: tuple[Any, ...]) -> None:
-        """Carry out a checked command: for each field what its type says (`uwserver.ports.Item`), None where it was left out."""
+        """Carry out a checked command: a value of the type of each field (`uwserver.ports.Item`), or None for a field that was left out."""
 
     def neutral(self) -> None:
         """Go to the safe state."""

@@ -10,7 +10,7 @@ from uwserver.table import Name
 
 
 class CameraMountConfig(ActuatorTable, tag="camera_mount", kw_only=True, frozen=True):
-    """Tilts a mount of the vehicle that has `tilt_deg`. It turns the cameras on that mount, and no other sensor.
+    """Tilts a mount of the vehicle that has `tilt_deg`. It turns the cameras on that mount, and no other sensors.
 
     Attributes:
         mount: its name.
@@ -25,10 +25,10 @@ class CameraMountConfig(ActuatorTable, tag="camera_mount", kw_only=True, frozen=
         return Devices("mounts", "mount", "tilt", (self.mount,), key="mount")
 
     def build(self, body: Body) -> CameraMount:
-        """The actuator.
+        """Return the actuator.
 
         Raises:
-            ValueError: no such mount tilts, named with those that do.
+            ValueError: the vehicle has no such mount that tilts; the text lists those that do.
         """
         if self.mount not in body.tilts:
             there = ", ".join(body.tilts) or "none"
@@ -37,18 +37,18 @@ class CameraMountConfig(ActuatorTable, tag="camera_mount", kw_only=True, frozen=
 
 
 class MountMemory(Struct):
-    """Where it is to go, rad."""
+    """The commanded tilt, rad."""
 
     tilt: float = 0.0
 
 
 class CameraMount:
-    """Remembers a tilt, to which cameras on the mount turn.
+    """Holds a commanded tilt. The cameras on the mount turn to it.
 
     Attributes:
-        mount: name of it.
+        mount: name of the mount.
         rate: rad/s.
-        memory: the tilt.
+        memory: the commanded tilt.
     """
 
     def __init__(self, mount: str, low: float, high: float, rate: float) -> None:
@@ -57,11 +57,11 @@ class CameraMount:
         self.fields = (Field("tilt", "rad", "angle above the mount's rest, up positive", minimum=low, maximum=high),)
 
     def apply(self, value: Given) -> None:
-        """Go there; the field is required, so it is given."""
+        """Tilt to the commanded angle."""
         (tilt,) = value
         if tilt is not None:
             self.memory = MountMemory(tilt[0])
 
     def neutral(self) -> None:
-        """Back to rest."""
+        """Return to the rest position."""
         self.memory = MountMemory()

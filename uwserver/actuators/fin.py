@@ -1,4 +1,4 @@
-"""Fins, rudders and planes: one, or several as one vector. Limits, rate, lag, lift and drag run in the kernel."""
+"""Fins, rudders and planes: one, or several as one vector. The kernel computes limits, rate, lag, lift and drag."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _FIN = Moved("fins", "fin", "angle_rad", "rad", "angle about the hinge")
 
 
 class FinsConfig(ActuatorTable, tag="fins", kw_only=True, frozen=True):
-    """Several fins of the vehicle file commanded as one vector of angles.
+    """Several fins of the vehicle file, commanded as one vector of angles.
 
     Attributes:
         members: names of fins, in the order of the vector; default: all, in the order of the file.
@@ -28,23 +28,20 @@ class FinsConfig(ActuatorTable, tag="fins", kw_only=True, frozen=True):
         return Devices(_FIN.table, _FIN.noun, _FIN.field, self.members or (), is_vector=True)
 
     def build(self, body: Body) -> Servos:
-        """The actuator.
+        """Return the actuator.
 
         Raises:
-            ValueError: a member that the vehicle has not, named with those it has.
+            ValueError: the vehicle lacks a member; the text lists those that it has.
         """
-        members = self.members
-        if members is None:
-            members = tuple(name.removeprefix("fins.") for name in body.servos if name.startswith("fins."))
-        return Servos(body, _FIN, members, (len(members),))
+        return Servos(body, _FIN, self.members, is_vector=True)
 
 
 class FinConfig(OneServo, tag="fin", kw_only=True, frozen=True):
-    """One fin of the vehicle file; its command is the angle, which it reaches at its own rate.
+    """One fin of the vehicle file. The command is its angle, which it reaches at its own rate.
 
-    The angle counts about the fin's hinge, which shipped vehicles turn so that signs are alike: a positive rudder turns to starboard; a positive
-    plane has its trailing edge down, so it dives at the stern (elevator, stern planes) and climbs at the bow; of an X-shaped tail each fin turns
-    to starboard at a positive angle, and dives or climbs by its slant.
+    The angle counts about the hinge of the fin. The hinges of the shipped vehicles are turned so that signs agree: a positive rudder turns the
+    vehicle to starboard. A positive plane has its trailing edge down: at the stern (elevator, stern planes) it makes the vehicle dive, at the bow
+    climb. Each fin of an X-shaped tail turns the vehicle to starboard at a positive angle; its slant decides whether the vehicle dives or climbs.
     """
 
     moved = _FIN

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from uwserver.actuators.base import ActuatorTable, Body, Devices, Given, Timeout
+from uwserver.actuators.base import ActuatorTable, Body, Devices, Given, Timeout, check_members
 from uwserver.ports import Field
 from uwserver.table import Name, Probability
 
 
 class LampsConfig(ActuatorTable, tag="lamps", kw_only=True, frozen=True):
-    """Some or all lamps of the vehicle, as one vector of levels. Cameras see their light.
+    """Some or all lamps of the vehicle, commanded as one vector of levels. Cameras see their light.
 
     Attributes:
         members: names of lamps, in the order of the command; default: all, in the order of the vehicle file.
@@ -27,10 +27,10 @@ class LampsConfig(ActuatorTable, tag="lamps", kw_only=True, frozen=True):
         return Devices("lamps", "lamp", "levels", self.members, is_vector=True)
 
     def build(self, body: Body) -> Lamps:
-        """The actuator.
+        """Return the actuator.
 
         Raises:
-            ValueError: a lamp that the vehicle has not, named with those it has; or it has none.
+            ValueError: the vehicle has no lamps, or lacks one of the members; the text lists those that it has.
         """
         return Lamps(self, body.lamps)
 
@@ -42,7 +42,7 @@ class LampMemory(Struct):
 
 
 class Lamps:
-    """Remembers levels, which cameras read.
+    """Holds the levels of lamps, which cameras read.
 
     Attributes:
         names: of the lamps.
@@ -51,9 +51,7 @@ class Lamps:
 
     def __init__(self, config: LampsConfig, there: tuple[str, ...]) -> None:
         self.names = config.members or there
-        for name in self.names:
-            if name not in there:
-                raise ValueError(f'no lamp "{name}" here, there are: {", ".join(there) or "none"}')
+        check_members("lamp", self.names, there)
         if not self.names:
             raise ValueError("the vehicle has no lamps: give it some under [lamps]")
         self._level = config.level
@@ -64,11 +62,11 @@ class Lamps:
         self.neutral()
 
     def apply(self, value: Given) -> None:
-        """Shine so from now on; the field is required, so it is given."""
+        """Set the levels from now on."""
         (levels,) = value
         if levels is not None:
             self.memory = LampMemory(levels)
 
     def neutral(self) -> None:
-        """As at the start."""
+        """Set all lamps to the level of the start."""
         self.memory = LampMemory((self._level,) * len(self.names))

@@ -1,10 +1,14 @@
-"""What fins, shafts, pumps and sliding masses share as actuators: a set point for servos of the vehicle, whose law runs in the kernel."""
+"""Set points of the vehicle's servos: fins, propellers, ballasts and moving masses. The law of a servo runs in the kernel.
+
+The tables of fins are in `fin`.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
 
-from uwserver.actuators.base import ActuatorTable, Body, Devices, Given
+from uwserver.actuators.base import ActuatorTable, Body, Devices, Given, check_members
 from uwserver.ports import Field
 from uwserver.table import Name
 
@@ -14,7 +18,7 @@ class Moved(NamedTuple):
 
     Attributes:
         table: of the vehicle file (``fins``).
-        noun: what one of it is called.
+        noun: name of one of them ("fin").
         field, unit, doc: of the command.
     """
 
@@ -41,12 +45,34 @@ class OneServo(ActuatorTable, kw_only=True, frozen=True):
         return Devices(self.moved.table, self.moved.noun, self.moved.field, (self.member,))
 
     def build(self, body: Body) -> Servos:
-        """The actuator.
+        """Return the actuator.
 
         Raises:
-            ValueError: a member that the vehicle has not, named with those it has.
+            ValueError: the vehicle lacks the member; the text lists those that it has.
         """
-        return Servos(body, self.moved, (self.member,), ())
+        return Servos(body, self.moved, (self.member,))
+
+
+class PropellerConfig(OneServo, tag="propeller", kw_only=True, frozen=True):
+    """One shaft propeller of the vehicle file. The command is the speed of its shaft, which it reaches at its own rate."""
+
+    moved = Moved("propellers", "propeller", "speed_radps", "rad/s", "speed of the shaft, positive ahead")
+
+
+class BallastConfig(OneServo, tag="ballast", kw_only=True, frozen=True):
+    """One ballast tank or oil bladder of the vehicle file. The command is its volume, which its pump reaches at its own rate. The watchdog pumps back
+    to neutral."""
+
+    moved = Moved("ballasts", "ballast", "volume_m3", "m^3", "oil in the bladder, or water in the tank")
+
+
+class MovingMassConfig(OneServo, tag="moving_mass", kw_only=True, frozen=True):
+    """One mass of the vehicle file that slides along an axis to trim the vehicle. The command is its position along the axis."""
+
+    moved = Moved(
+        "moving_masses", "moving mass", "position_m", "m",
+        "position along the axis, 0 where the centre of mass of the vehicle file holds",
+    )  # fmt: skip
 
 
 class Servos:
@@ -56,42 +82,42 @@ class Servos:
         rows: of the members.
     """
 
-    def __init__(self, body: Body, moved: Moved, members: tuple[str, ...], shape: tuple[int, ...]) -> None:
-        """Find the rows.
+    def __init__(self, body: Body, moved: Moved, members: Sequence[str] | None, *, is_vector: bool = False) -> None:
+        """Find the rows of the members.
 
         Args:
             body: of the vehicle.
-            moved: their kind.
-            members: names in its table.
-            shape: of the field.
+            moved: what the servos move.
+            members: names in the table of `moved`; None for all in it.
+            is_vector: whether the command is a vector; otherwise it is one number for the only member.
 
         Raises:
-            ValueError: a member that the vehicle has not, named with those it has.
+            ValueError: the vehicle lacks a member; the text lists those that it has.
         """
         table, noun, name, unit, doc = moved
-        present = {
-            name.removeprefix(f"{table}."): row for name, row in body.servos.items() if name.startswith(f"{table}.")
-        }
-        for member in members:
-            if member not in present:
-                raise ValueError(f'no {noun} "{member}" here, there are: {", ".join(present) or "none"}')
+        prefix = f"{table}."
+        present = {path.removeprefix(prefix): row for path, row in body.servos.items() if path.startswith(prefix)}
+        members = tuple(present) if members is None else members
+        check_members(noun, members, present)
         self._hydro = body.hydro
         self.rows = [present[member] for member in members]
         rows = body.hydro.servos[self.rows]
         self._neutral = rows["command"].tolist()
         order = ", ".join(members)
-        if shape:
-            doc = f"{doc}, order: {order}"
-        self.doc = f"{noun.capitalize()}{'s' if shape else ''} {order}."
+        shape: tuple[int, ...] = ()
+        self.doc = f"{noun.capitalize()} {order}."
+        if is_vector:
+            doc, shape = f"{doc}, order: {order}", (len(members),)
+            self.doc = f"{noun.capitalize()}s {order}."
         low, high = float(rows["low"].min()), float(rows["high"].max())
         self.fields = (Field(name, unit, doc, "", shape, minimum=low, maximum=high),)
 
     def apply(self, value: Given) -> None:
-        """Hold the set point, within each servo's limits; the field is required, so it is given."""
+        """Hold the set point. The kernel keeps each servo within its own limits."""
         (command,) = value
         if command is not None:
             self._hydro.servos["command"][self.rows] = command
 
     def neutral(self) -> None:
-        """Go back to the neutral of the vehicle file."""
+        """Return to the neutral of the vehicle file."""
         self._hydro.servos["command"][self.rows] = self._neutral

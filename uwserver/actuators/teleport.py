@@ -1,4 +1,4 @@
-"""Puts the vehicle somewhere at once: for set-up, resets of an experiment, and replay of a log."""
+"""Sets the pose and velocity of a vehicle at once: for set-up, resets of an experiment, and replay of a log."""
 
 from __future__ import annotations
 
@@ -17,33 +17,29 @@ class TeleportConfig(ActuatorTable, tag="teleport", kw_only=True, frozen=True):
     timeout_s: Timeout = 0.0
 
     def build(self, body: Body) -> Teleport:
-        """The actuator."""
+        """Return the actuator."""
         return Teleport(body)
 
 
-def _limited(name: str, unit: str, doc: str, frame: str, limit: float, size: int = 3) -> Field:
-    return Field(name, unit, doc, frame, (size,), minimum=-limit, maximum=limit)
-
-
 class Teleport:
-    """Sets pose and velocity; a field that is left out keeps its value.
+    """Sets pose and velocity. A field that is left out keeps its value.
 
-    The limits keep one careless command from making the body diverge, which would end the run for everybody.
+    Without the limits one careless command could make the body diverge, which would end the run for everybody.
     """
 
     doc = "Sets pose and velocity at the start of the next tick; a field that is left out keeps its value."
     fields = (
-        _limited("p_NB", "m", "position of the body origin", "N", 1e6),
-        _limited("q_NB", "1", "attitude, w x y z; normalised", "NB", 1e6, size=4),
-        _limited("v_NB_B", "m/s", "velocity of the body origin", "B", 100.0),
-        _limited("w_NB_B", "rad/s", "angular velocity", "B", 100.0),
+        Field("p_NB", "m", "position of the body origin", "N", (3,), minimum=-1e6, maximum=1e6),
+        Field("q_NB", "1", "attitude, w x y z; normalised", "NB", (4,), minimum=-1e6, maximum=1e6),
+        Field("v_NB_B", "m/s", "velocity of the body origin", "B", (3,), minimum=-100.0, maximum=100.0),
+        Field("w_NB_B", "rad/s", "angular velocity", "B", (3,), minimum=-100.0, maximum=100.0),
     )
 
     def __init__(self, body: Body) -> None:
         self._hydro, self._row = body.hydro, body.row
 
     def apply(self, value: Given) -> None:
-        """Move now. A quaternion of zero length is ignored."""
+        """Move the body now. A quaternion of zero length is ignored."""
         p, q, v, w = value
         state = self._hydro.state[self._row]
         if p is not None:
@@ -56,4 +52,4 @@ class Teleport:
             state[NU + 3 : NU + 6] = w
 
     def neutral(self) -> None:
-        """Nothing to undo."""
+        """Do nothing: there is nothing to undo."""

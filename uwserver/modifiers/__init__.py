@@ -1,4 +1,7 @@
-"""Seeded errors that a scenario adds to a sensor's stream; one file a family, one line here each. Frames are never modifiers."""
+"""Seeded errors that a scenario adds to the stream of a sensor: one file for each family, one line here for each kind.
+
+A modifier never changes frames.
+"""
 
 from __future__ import annotations
 

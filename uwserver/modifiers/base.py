@@ -1,9 +1,10 @@
-"""What a modifier is: a seeded change of one sensor's stream, between the ideal value and the sample."""
+"""What a modifier is: a seeded change of one stream of a sensor, between the ideal value and the sample."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from functools import cache
 from typing import Annotated, Any
 
@@ -18,26 +19,26 @@ from uwserver.units import NANOSECONDS
 NEVER = -1.0
 """A time (s) before the first reading."""
 Time = Annotated[float, Meta(ge=NEVER, le=9e9)]
-"""A time in a record, s: `NEVER`, or one that can be told in 64 bits of nanoseconds."""
+"""A time in a record, s: `NEVER`, or one that fits into 64 bits of nanoseconds."""
 Number = Annotated[float, Meta(ge=-1e9, le=1e9)]
-"""Any other number in a record: finite, and so small that what is computed from it is too."""
+"""Any other number in a record: small enough that all that is computed from it stays finite."""
 
 
 class Memory(Struct):
     """What a sensor or modifier remembers from reading to reading: one record, which is saved with the world.
 
-    A kind that remembers something derives its own, with a default for each field. Fields are bool, int, float, str, bytes, None, tuples of
-    these, or frozen records of these, never numpy's numbers; their types state the limits within which any value is harmless (`Number`,
-    `Time`, `msgspec.Meta`).
+    A kind that remembers something derives its own record, with a default for each field. Fields are bool, int, float, str, bytes, None, tuples of
+    these, or frozen records of these, but never numbers of numpy. Their types state limits within which every value is harmless (`Number`, `Time`,
+    `msgspec.Meta`).
     """
 
 
 NOTHING = Memory()
-"""The record of all kinds that remember nothing."""
+"""The record of kinds that remember nothing."""
 
 
 def check_lengths(record: Memory, own: Memory) -> None:
-    """ValueError where a tuple of a record has another length than in one of the same kind that fits."""
+    """Raise ValueError if a tuple in a record has another length than in `own`, a valid record of the same type."""
     for name, value in structs.asdict(own).items():
         given = getattr(record, name)
         if isinstance(value, tuple) and len(given) != len(value):
@@ -45,22 +46,22 @@ def check_lengths(record: Memory, own: Memory) -> None:
 
 
 class ModifierTable(Table, tag_field="kind", kw_only=True, frozen=True):
-    """Base of the table of every modifier; each has ``build(stream) -> Modifier``, which raises ValueError for a stream that it does not fit."""
+    """Base of the tables of modifiers. Each has ``build(stream) -> Modifier``, which raises ValueError if the modifier does not fit the stream."""
 
 
 @dataclass(slots=True)
 class Measurement:
-    """A reading on its way through the chain of its sensor; private to the chain, turned into an immutable Sample at its end.
+    """A reading on its way through the chain of modifiers, at whose end it becomes an immutable Sample.
 
     Attributes:
-        values: one entry per field of the port.
-        valid: the sensor could measure.
-        delay_ns: simulated time from the instant to which the reading belongs until the device delivers.
-        dropped: the reading is lost.
-        t_ns: simulation time at which it was true.
-        stamp_ns: error of the time that the device writes on it.
-        since_ns: how long ago that instant was.
-        number: how many the sensor has made before.
+        values: one entry for each field of the port.
+        valid: whether the sensor could measure.
+        delay_ns: simulated time from the measurement until the device delivers.
+        dropped: whether the reading is lost.
+        since_ns: how long ago the measurement was.
+        t_ns: simulation time of the measurement.
+        stamp_ns: error of the time stamp of the device.
+        number: number of readings that the sensor made before.
     """
 
     values: list[Value]
@@ -73,18 +74,21 @@ class Measurement:
     number: int = 0
 
     def since(self, last: float, dt: float) -> float:
-        """Time (s) since a reading at `last` (s), which a device that pings at its own pace, or was off, decides; `dt` where `last` is `NEVER`."""
+        """Return the time (s) since a reading at `last` (s); `dt` if `last` is `NEVER`.
+
+        It is not always `dt`, because a device may ping at its own rate, or may have been off.
+        """
         return dt if last < 0.0 else max(0.0, self.t_ns / NANOSECONDS - last)
 
 
 class Draws:
-    """Random numbers of one path for who draws in Python: a generator that begins anew with each reading, and for each purpose.
+    """The random numbers of one path, for code that draws in Python: a generator that starts again for each reading and for each purpose.
 
-    So what is drawn depends on the path, the reading and the purpose alone, and nothing has to be kept of it.
+    So a drawn number depends only on the path, the reading and the purpose, and the state of the generator need not be saved.
     """
 
     def __init__(self, key: int) -> None:
-        """Of a path with this key (`key_of`); it stands where who is switched on draws."""
+        """Make the generator of the path with this key (`key_of`). It begins with the numbers for the turn-on."""
         self.key = key
         self._bits = np.random.Philox(key=key)
         self._form = self._bits.state
@@ -92,7 +96,7 @@ class Draws:
         self.seek(0, TURN_ON)
 
     def seek(self, number: int, purpose: int = SAMPLE) -> None:
-        """Begin with what is drawn for a reading of this number."""
+        """Move to the random numbers for the reading with this number."""
         form = self._form
         counter = form["state"]["counter"]
         counter[0], counter[1], counter[2], counter[3] = 0, 0, number, purpose
@@ -100,39 +104,36 @@ class Draws:
         self._bits.state = form
 
 
-@dataclass(slots=True)
+@dataclass
 class Stream:
-    """What a modifier knows of the stream it changes.
+    """What a modifier knows of the stream that it changes.
 
     Attributes:
         fields: of the port.
         dt: sample interval, s.
-        key: of the random numbers of the modifier's own path.
+        key: key of the random numbers of the modifier's path.
     """
 
     fields: tuple[Field, ...]
     dt: float
     key: int
-    _draws: Draws | None = field(default=None, repr=False)
 
-    @property
+    @cached_property
     def draws(self) -> Draws:
-        """The numbers of that key, for who draws in Python."""
-        if self._draws is None:
-            self._draws = Draws(self.key)
-        return self._draws
+        """The random numbers of the key, for modifiers that draw in Python."""
+        return Draws(self.key)
 
     @property
     def rng(self) -> np.random.Generator:
-        """Draws the numbers of this path that belong to the present reading."""
+        """The generator, at the numbers of the present reading."""
         return self.draws.rng
 
     def index(self, name: str) -> int:
-        """Position of a field whose components errors may change.
+        """Return the position of a field whose components can have errors.
 
         Raises:
-            ValueError: no such field, or it holds no floats, or a rotation, which no error of components leaves one; the text lists those
-                that can be modified.
+            ValueError: no such field, or it holds no floats, or it is a rotation, which would not stay one; the text lists the fields that can be
+                modified.
         """
         floats = [field.name for field in self.fields if field.type == "float" and not field.is_rotation]
         if name not in floats:
@@ -140,10 +141,10 @@ class Stream:
         return next(i for i, field in enumerate(self.fields) if field.name == name)
 
     def of_each(self, name: str, key: str, value: float | tuple[float, ...]) -> tuple[int, tuple[float, ...]]:
-        """Position of a field as `index`, and the key's value for each of its components, where one number may stand for all.
+        """Return the position of a field, as `index` does, and the value of a key for each of its components. One number counts for all components.
 
         Raises:
-            ValueError: as `index`, or another number of values than components.
+            ValueError: as `index`, or the field has another number of components.
         """
         index = self.index(name)
         size = self.fields[index].size
@@ -154,9 +155,9 @@ class Stream:
 
 
 class Modifier(ABC):
-    """One change of a stream, which depends on the reading, on `memory` and on the random numbers of `stream`, and on nothing else.
+    """One change of a stream. It depends only on the reading, on `memory`, and on the random numbers of `stream`.
 
-    Kinds that come with uwserver are operations (`uwserver.modifiers.operations`), which compiled code carries out.
+    The kinds of uwserver are operations, which compiled code carries out (`uwserver.modifiers.operations`).
     """
 
     memory: Memory = NOTHING
@@ -166,10 +167,10 @@ class Modifier(ABC):
 
     @abstractmethod
     def apply(self, reading: Measurement) -> None:
-        """Change the reading in place. The random numbers stand at those of this reading."""
+        """Change the reading in place. The generator of `stream` is at the numbers of this reading."""
 
     def valid(self, record: Memory) -> None:
-        """Raise ValueError where a record of another run, though of the right types, cannot be the memory of this one."""
+        """Raise ValueError if a record of another run, which has the right types, cannot be the memory of this modifier."""
         check_lengths(record, self.memory)
 
 

@@ -1,4 +1,4 @@
-"""Constant errors, known or drawn once at the start of a run: of the zero, and of the scale."""
+"""Constant errors of the zero and of the scale: given, or drawn once at the start of a run."""
 
 from __future__ import annotations
 
@@ -16,71 +16,66 @@ BIAS, SCALE = 4, 5
 
 
 class Bias(ModifierTable, tag="bias", kw_only=True, frozen=True):
-    """Adds `value` (one number for all components, or one a component, field's unit) and a turn-on error drawn once with `sigma`."""
+    """Adds `value` (in the field's unit; one number for all components, or one for each) and a turn-on error that is drawn once with `sigma`."""
 
     field: Name
     value: float | tuple[float, ...] = 0.0
     sigma: NonNegative = 0.0
 
-    def build(self, stream: Stream) -> _Bias:
-        """The modifier.
+    def build(self, stream: Stream) -> Operation:
+        """Return the modifier.
 
         Raises:
             ValueError: unknown field, or `value` has another number of components than the field.
         """
-        return _Bias(stream, self.field, "value", self.value, self.sigma)
-
-
-class Constants(Memory):
-    """Attributes:
-    each: of each component, field's unit or factor; drawn errors included."""
-
-    each: tuple[Number, ...] = ()
-
-
-class _Drawn(Operation):
-    """Keeps, for each component of a field, what key `key` gives and an error of it drawn once."""
-
-    def __init__(self, stream: Stream, field: str, key: str, given: float | tuple[float, ...], sigma: float) -> None:
-        index, each = stream.of_each(field, key, given)
-        turn_on = (sigma * draw_normals(stream.key, len(each))).tolist()
-        super().__init__(stream, index, (), Constants(tuple(g + t for g, t in zip(each, turn_on, strict=True))))
-
-
-class _Bias(_Drawn):
-    code = BIAS
-
-
-@compiled
-def bias(op: Any, numbers: Array, row: Array) -> None:
-    """Remembers `Constants`."""
-    for k in range(op.count):
-        row[op.first + k] += numbers[op.memory + k]
+        return _constant(BIAS, stream, self.field, "value", self.value, self.sigma)
 
 
 class Scale(ModifierTable, tag="scale", kw_only=True, frozen=True):
-    """Multiplies by `factor` (one number for all components, or one a component; 1.01 shows 1 % too much) plus an error of it drawn once with
-    `sigma` (relative)."""
+    """Multiplies by `factor` (one number for all components, or one for each; with 1.01 the sensor reads 1 % too high) plus an error of the factor
+    that is drawn once with `sigma`."""
 
     field: Name
     factor: float | tuple[float, ...] = 1.0
     sigma: NonNegative = 0.0
 
-    def build(self, stream: Stream) -> _Scale:
-        """The modifier.
+    def build(self, stream: Stream) -> Operation:
+        """Return the modifier.
 
         Raises:
             ValueError: unknown field, or `factor` has another number of components than the field.
         """
-        return _Scale(stream, self.field, "factor", self.factor, self.sigma)
+        return _constant(SCALE, stream, self.field, "factor", self.factor, self.sigma)
 
 
-class _Scale(_Drawn):
-    code = SCALE
+class Constants(Memory):
+    """The constant of each component.
+
+    Attributes:
+        each: bias (field's unit) or factor, drawn errors included.
+    """
+
+    each: tuple[Number, ...] = ()
+
+
+def _constant(
+    code: int, stream: Stream, field: str, key: str, given: float | tuple[float, ...], sigma: float
+) -> Operation:
+    """Return an operation with one constant for each component: what key `key` gives, plus an error that is drawn once."""
+    index, each = stream.of_each(field, key, given)
+    turn_on = (sigma * draw_normals(stream.key, len(each))).tolist()
+    return Operation(code, stream, index, memory=Constants(tuple(g + t for g, t in zip(each, turn_on, strict=True))))
+
+
+@compiled
+def bias(op: Any, numbers: Array, row: Array) -> None:
+    """Add the bias. Remembers `Constants`."""
+    for k in range(op.count):
+        row[op.first + k] += numbers[op.memory + k]
 
 
 @compiled
 def scale(op: Any, numbers: Array, row: Array) -> None:
-    """Remembers `Constants`."""
+    """Multiply by the factor. Remembers `Constants`."""
     for k in range(op.count):
         row[op.first + k] *= numbers[op.memory + k]

@@ -1,4 +1,4 @@
-"""The chain of a stream: its operations one after the other, in compiled code."""
+"""Carries out the operations of a stream one after the other, in compiled code."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def disturb(op: Any, numbers: Array, row: Array, reading: Any, dt: float) -> Non
 
     Args:
         op: OPERATION.
-        numbers: what operations remember.
-        row: values of the stream, as `columns` has them.
-        reading: READING, or a record with its fields.
+        numbers: memory of the operations.
+        row: values of the stream, packed by `columns`.
+        reading: READING, or a record with the same fields.
         dt: sample interval, s.
     """
     code = op.code
@@ -59,11 +59,11 @@ def disturb(op: Any, numbers: Array, row: Array, reading: Any, dt: float) -> Non
 
 @entry
 def disturb_alone(ops: Array, numbers: Array, row: Array, readings: Array, dt: float) -> None:
-    """Carry out the operations of one modifier on one reading."""
+    """Carry out the operations of one modifier on one reading, outside a world."""
     for op in ops:
         disturb(op, numbers, row, readings[0], dt)
 
 
 def load() -> None:
-    """Have the code for one modifier ready, compiled or from the cache."""
+    """Make `disturb_alone` ready: compile it, or load it from the cache."""
     disturb_alone.made().load(np.zeros(0, OPERATION), np.empty(0), np.empty(0), np.zeros(0, READING), 0.0)

@@ -1,4 +1,7 @@
-"""Which delivered samples are sent, chosen by compiled code from the rows in which they lie, where each stream has one who takes it, at his rate."""
+"""Chooses the delivered samples that a client gets, in compiled code, directly from their rows.
+
+A line is a receiver of one stream, with the rate at which it wants samples.
+"""
 
 from __future__ import annotations
 
@@ -10,20 +13,24 @@ from uwserver.ports.thinning import ROUNDING_NS
 from uwserver.ports.told import Told
 
 NOBODY, UNKNOWN = -1, -2
-"""Instead of the number of a line: there is none; nobody has looked for one yet."""
+"""Instead of the number of a line: the stream has no line; it is not known yet whether the stream has one."""
 NOT_BEGUN = -1
-"""Instead of the time at which intervals begin."""
+"""Instead of the start time of the intervals of a line."""
 
 
 class NotMet(Exception):
-    """A sample is the first of its stream: nobody has said whether that has a line, or when its intervals begin."""
+    """A sample is the first of its stream: its line, or the start time of the intervals, is not known yet."""
 
 
 @entry
 def choose_samples(
     table: Array, first: int, end: int, lines: Array, ready: Array, rates: Array, starts: Array, newest: Array, chosen: Array
 ) -> int:  # fmt: skip
-    """Choose, as `choose`. Returns 0; or UNKNOWN, or NOBODY where it is not as it must be."""
+    """Choose samples as `choose` does.
+
+    Returns:
+        0; UNKNOWN, where `choose` raises NotMet; or NOBODY, where it returns None.
+    """
     state = 0
     for place in range(first, end):
         stream = table[place, 2]
@@ -31,7 +38,7 @@ def choose_samples(
         if line == UNKNOWN or (line != NOBODY and starts[line] == NOT_BEGUN):
             return UNKNOWN
         if line == NOBODY or not ready[line]:
-            state = NOBODY
+            state = NOBODY  # a later sample may still be UNKNOWN, which comes first
     if state == NOBODY:
         return NOBODY
     for place in range(first, end):
@@ -39,7 +46,7 @@ def choose_samples(
         if rates[line] > 0.0:
             interval = int((t_ns - starts[line] + ROUNDING_NS) * rates[line] // 1e9)
             if interval <= newest[line]:
-                if newest[line] - rates[line] - 1.0 > interval:
+                if newest[line] - rates[line] - 1.0 > interval:  # the time was set back by more than a second
                     return NOBODY
                 line = NOBODY
             else:
@@ -51,37 +58,37 @@ def choose_samples(
 def choose(
     told: Told, lines: IntArray, ready: list[bool], rates: list[float], starts: list[int], newest: list[int]
 ) -> IntArray | None:
-    """Choose of these samples those that are the first in an interval of their line, as `Thinning.interval` counts them.
+    """Choose the samples that are the first in an interval of their line (`Thinning.interval`).
 
     Args:
         told: the samples.
-        lines: by number of a stream, that of its line.
-        ready: of each line, whether it takes samples now.
-        rates: of each, intervals a second; 0 where it takes all.
-        starts: of each, when the first interval begins, ns, or NOT_BEGUN.
-        newest: of each, the last interval of which a sample was chosen. Becomes what it is behind these.
+        lines: number of the line of each stream, NOBODY or UNKNOWN.
+        ready: whether each line can take samples now.
+        rates: intervals per second of each line; 0 if it takes all samples.
+        starts: start time of the first interval of each line, ns, or NOT_BEGUN.
+        newest: number of the newest interval of each line of which a sample was chosen; updated in place.
 
     Returns:
-        Of each sample the number of its line, or NOBODY where it is not chosen. None, and nothing is changed, where a stream has no line, a line
-        is not ready, or the time was set back by more than a second.
+        For each sample the number of its line, or NOBODY if it is not chosen. None if a stream has no line, a line is not ready, or the time was
+        set back by more than a second; then `newest` is not changed.
 
     Raises:
-        NotMet: see there; nothing is changed.
+        NotMet: a sample is the first of its stream; `newest` is not changed.
     """
-    behind, chosen = np.array(newest, np.int64), np.empty(len(told), np.int64)
+    after, chosen = np.array(newest, np.int64), np.empty(len(told), np.int64)
     state = choose_samples(
         told.log.table, told.first, told.first + len(told), lines, np.array(ready, np.bool_),
-        np.array(rates, np.float64), np.array(starts, np.int64), behind, chosen,
+        np.array(rates, np.float64), np.array(starts, np.int64), after, chosen,
     )  # fmt: skip
     if state == UNKNOWN:
         raise NotMet
     if state == NOBODY:
         return None
-    newest[:] = behind.tolist()
+    newest[:] = after.tolist()
     return chosen
 
 
 def load() -> None:
-    """Have it ready, compiled or from the cache, so that nobody who waits for a sample waits for it."""
+    """Make the kernel ready, so that no sample waits for it: compile it, or load it from the cache."""
     none = np.zeros(0, np.int64)
     choose_samples.made().load(none.reshape(0, 7), 0, 0, none, np.zeros(0, np.bool_), np.zeros(0), none, none, none)

@@ -1,4 +1,4 @@
-"""Readings as plain numbers, on which compiled code works: which numbers of a row are those of which field."""
+"""Readings as rows of plain numbers, for compiled code: the places of the fields in a row."""
 
 from __future__ import annotations
 
@@ -12,27 +12,29 @@ import numpy as np
 from uwserver.ports import Field, Value
 
 WIDEST = 4096
-"""Whole numbers of a field that still stand among the others, as many as a ping has bins; more are a picture rather than a reading."""
+"""Most whole numbers that a field in a row may have: as many as a ping has bins. A field with more is a picture rather than a reading."""
 NO_INT = -(1 << 63)
 """Stands for a missing whole number, as NaN does for a missing float."""
 
 
 @lru_cache(maxsize=1024)
 def columns_of(fields: tuple[Field, ...]) -> Columns:
-    """Those of some fields, the same for all sensors that have them."""
+    """Return the columns of some fields; all sensors with these fields share them."""
     return Columns(fields)
 
 
 class Columns:
-    """Where the fields of a port stand in a row of float64: each component of floats, truths (0 or 1) and whole numbers (as the 64 bits of an
-    int64) has a place, in the order of the fields. What has none is loose: texts, bytes, buffers and pictures of whole numbers.
+    """The places of the fields of a port in a row of float64.
+
+    Each component of a float, a truth value (0 or 1) or a whole number (as the 64 bits of an int64) has a place, in the order of the fields. Fields
+    without a place are loose: texts, bytes, buffers, and pictures of whole numbers.
 
     Attributes:
         fields: of the port.
         width: of a row.
-        first: of each field, the place of its first component; -1 of those that are loose.
-        loose: positions of the fields that have no place.
-        is_small: these hold texts alone.
+        first: place of the first component of each field; -1 for loose fields.
+        loose: positions of the loose fields.
+        is_small: whether all loose fields are texts.
     """
 
     def __init__(self, fields: Sequence[Field]) -> None:
@@ -55,7 +57,7 @@ class Columns:
         self._wholes = [entry for entry in numbered if entry[1].type == "int"]
 
     def loose_of(self, values: Sequence[Value]) -> tuple[Value, ...]:
-        """Those of a reading that have no place in a row."""
+        """Return the values of a reading that have no place in a row."""
         return tuple([values[k] for k in self.loose])
 
     def pack(self, values: Sequence[Value], row: Any) -> None:
@@ -70,18 +72,19 @@ class Columns:
                 numbers += (None,) * size
             else:
                 numbers.append(value)
-        # At once, as each number by itself would cost as much as all; numpy makes NaN of None.
+        # One assignment, because each single one would cost as much as this. numpy makes NaN of None.
         row[:] = numbers
         if self._whole:
             row.view(np.int64)[self._whole] = [NO_INT if numbers[k] is None else numbers[k] for k in self._whole]
 
     def unpack(self, row: Any, loose: Sequence[Value] = ()) -> tuple[Value, ...]:
-        """The reading of a row; `loose`: the values that have no place there, in their order."""
+        """Return the reading in a row. `loose` are the values without a place there, in their order."""
         return self.values(row.tolist(), row.view(np.int64), 0, loose)
 
     def values(self, numbers: list[Any], whole: Any, first: int, loose: Sequence[Value] = ()) -> tuple[Value, ...]:
-        """The same of its numbers; those that are whole stand in an array of int64 `whole`, in which the row begins at `first`."""
-        if (total := sum(numbers)) != total:  # one is NaN; or they are too large, and no harm is done
+        """Return the reading of the numbers of a row. Whole numbers are read from `whole`, an int64 array in which the row begins at `first`."""
+        # The sum is NaN if a number is NaN. It may also overflow to NaN, but then the list is only copied.
+        if (total := sum(numbers)) != total:
             numbers = [None if number != number else number for number in numbers]
         values: tuple[Any, ...] = self._split(tuple(numbers))
         if self._only_floats:
@@ -105,7 +108,7 @@ class Columns:
 
 
 def _splitter(kept: Sequence[tuple[Field, int, int]]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]]:
-    """From the numbers of a row to those of each field; nothing for a loose one."""
+    """Return a function that splits the numbers of a row into those of each field; a loose field gets ()."""
     places = [slice(k, k + size) if field.shape or k < 0 else k for field, k, size in kept]
     if len(places) > 1:
         return itemgetter(*places)

@@ -1,4 +1,4 @@
-"""Errors of delivery: latency with jitter, loss, wrong order, and a wrong time stamp."""
+"""Errors of delivery: latency with jitter, loss, wrong order, and wrong time stamps."""
 
 from __future__ import annotations
 
@@ -19,26 +19,20 @@ DELAY, DROPOUT, REORDER, CLOCK_DRIFT = 10, 11, 12, 13
 
 
 class Delay(ModifierTable, tag="delay", kw_only=True, frozen=True):
-    """The device delivers `latency_s` after it measured, plus a normal error of `jitter_s`, never before. The sample keeps the time at
-    which it was true."""
+    """The device delivers `latency_s` after the measurement, with a normal error of `jitter_s`, but never before it. The sample keeps the time of the
+    measurement."""
 
     latency_s: NonNegative
     jitter_s: NonNegative = 0.0
 
-    def build(self, stream: Stream) -> _Delay:
-        return _Delay(self, stream)
-
-
-class _Delay(Operation):
-    code = DELAY
-
-    def __init__(self, config: Delay, stream: Stream) -> None:
-        super().__init__(stream, parameters=(config.latency_s, config.jitter_s))
+    def build(self, stream: Stream) -> Operation:
+        """Return the modifier."""
+        return Operation(DELAY, stream, parameters=(self.latency_s, self.jitter_s))
 
 
 @compiled
 def delay(op: Any, reading: Any) -> None:
-    """Parameters: latency, jitter."""
+    """Add the latency. Parameters: latency, jitter."""
     seconds = op.p[0]
     if op.p[1] > 0.0:
         error, _ = normals(op.key, reading.number, SAMPLE, 0)
@@ -47,24 +41,18 @@ def delay(op: Any, reading: Any) -> None:
 
 
 class Dropout(ModifierTable, tag="dropout", kw_only=True, frozen=True):
-    """Each sample is lost with `probability`; its sequence number is not given again, so the receiver sees the gap."""
+    """Each sample is lost with `probability`. No other sample gets its sequence number, so the receiver sees the gap."""
 
     probability: Probability
 
-    def build(self, stream: Stream) -> _Dropout:
-        return _Dropout(self, stream)
-
-
-class _Dropout(Operation):
-    code = DROPOUT
-
-    def __init__(self, config: Dropout, stream: Stream) -> None:
-        super().__init__(stream, parameters=(config.probability,))
+    def build(self, stream: Stream) -> Operation:
+        """Return the modifier."""
+        return Operation(DROPOUT, stream, parameters=(self.probability,))
 
 
 @compiled
 def dropout(op: Any, reading: Any) -> None:
-    """Parameters: probability."""
+    """Mark lost readings. Parameters: probability."""
     chance, _ = uniforms(op.key, reading.number, SAMPLE, 0)
     if chance < op.p[0]:
         reading.dropped = 1
@@ -77,43 +65,40 @@ class Reorder(ModifierTable, tag="reorder", kw_only=True, frozen=True):
     probability: Probability
     behind: Annotated[int, Meta(ge=1, le=1000)] = 1
 
-    def build(self, stream: Stream) -> _Reorder:
-        return _Reorder(self, stream)
+    def build(self, stream: Stream) -> Operation:
+        """Return the modifier."""
+        return Operation(REORDER, stream, parameters=(self.probability, self.behind), memory=Last())
 
 
 class Last(Memory):
-    """Attributes:
-    last: time of the reading before, s."""
+    """The previous reading.
+
+    Attributes:
+        last: its time, s.
+    """
 
     last: Time = NEVER
 
 
-class _Reorder(Operation):
-    code = REORDER
-
-    def __init__(self, config: Reorder, stream: Stream) -> None:
-        super().__init__(stream, parameters=(config.probability, config.behind), memory=Last())
-
-
 @compiled
 def reorder(op: Any, numbers: Array, reading: Any, dt: float) -> None:
-    """Parameters: probability, by how many; remembers `Last`."""
+    """Delay late readings. Parameters: probability, how many samples overtake; remembers `Last`."""
     interval = max(dt, since(reading, numbers[op.memory], dt))
     numbers[op.memory] = reading.t_ns / 1e9
     chance, _ = uniforms(op.key, reading.number, SAMPLE, 0)
     if chance < op.p[0]:
-        # Between the last that overtakes it and the next.
+        # It arrives halfway between the last sample that overtakes it and the one after that.
         reading.delay_ns += rounded_ns((op.p[1] + 0.5) * interval)
 
 
 class ClockDrift(ModifierTable, tag="clock_drift", kw_only=True, frozen=True):
-    """The device writes the time of its own clock on its samples (`t_ns`); the time of delivery (`t_sent_ns`) stays true.
+    """The device stamps its samples (`t_ns`) with its own clock. The time of delivery (`t_sent_ns`) stays true.
 
     Attributes:
         offset_s: by which the clock is ahead at t = 0.
-        offset_sigma_s: standard deviation of one more offset, drawn once.
-        drift: seconds gained a second (1e-6 is 1 ppm).
-        drift_sigma: standard deviation of more drift, drawn once.
+        offset_sigma_s: standard deviation of a further offset that is drawn once.
+        drift: seconds that the clock gains in a second (1e-6 is 1 ppm).
+        drift_sigma: standard deviation of a further drift that is drawn once.
         walk_sqrts: density of a random walk of the clock, s/sqrt(s).
     """
 
@@ -123,32 +108,29 @@ class ClockDrift(ModifierTable, tag="clock_drift", kw_only=True, frozen=True):
     drift_sigma: NonNegative = 0.0
     walk_sqrts: NonNegative = 0.0
 
-    def build(self, stream: Stream) -> _ClockDrift:
-        return _ClockDrift(self, stream)
+    def build(self, stream: Stream) -> Operation:
+        """Return the modifier."""
+        offset, drift = draw_normals(stream.key, 2).tolist()
+        ahead = self.offset_s + self.offset_sigma_s * offset
+        start = ClockError(offset=ahead, drift=self.drift + self.drift_sigma * drift)
+        return Operation(CLOCK_DRIFT, stream, parameters=(self.walk_sqrts,), memory=start)
 
 
 class ClockError(Last):
-    """Attributes:
-    offset: by which the clock is ahead, the walk included and the drift not, s.
-    drift: seconds gained a second."""
+    """How wrong the clock of the device is.
+
+    Attributes:
+        offset: by which the clock is ahead, with the random walk and without the drift, s.
+        drift: seconds that the clock gains in a second.
+    """
 
     offset: Annotated[float, Meta(ge=-1e9, le=1e9)] = 0.0
     drift: Annotated[float, Meta(ge=-1, le=1)] = 0.0
 
 
-class _ClockDrift(Operation):
-    code = CLOCK_DRIFT
-
-    def __init__(self, config: ClockDrift, stream: Stream) -> None:
-        offset, drift = draw_normals(stream.key, 2).tolist()
-        ahead = config.offset_s + config.offset_sigma_s * offset
-        start = ClockError(offset=ahead, drift=config.drift + config.drift_sigma * drift)
-        super().__init__(stream, parameters=(config.walk_sqrts,), memory=start)
-
-
 @compiled
 def clock_drift(op: Any, numbers: Array, reading: Any, dt: float) -> None:
-    """Parameters: density of the walk; remembers `ClockError`."""
+    """Add the error of the clock to the time stamp. Parameters: density of the random walk; remembers `ClockError`."""
     t, m = reading.t_ns / 1e9, op.memory
     if op.p[0] > 0.0:
         step, _ = normals(op.key, reading.number, SAMPLE, 0)

@@ -1,4 +1,4 @@
-"""A sensor that sits askew: vectors and rotations come out in other axes than those that its table states."""
+"""A sensor that is not mounted exactly: it measures vectors and rotations in other axes than its table states."""
 
 from __future__ import annotations
 
@@ -21,54 +21,52 @@ MISALIGNMENT = 9
 
 
 class Misalignment(ModifierTable, tag="misalignment", kw_only=True, frozen=True):
-    """The real axes of the device are those of its table turned by `rpy_deg`; all named fields are given in the real ones.
+    """The real axes of the device are those of its table turned by `rpy_deg`. It gives the named fields in the real axes.
 
-    A vector v becomes R(rpy)^T v; a rotation q_NS becomes q_NS q(rpy). Vectors in N (`p_NS`, `v_NS`) stand for a whole frame that is askew.
+    A vector v becomes R(rpy)^T v; a rotation q_NS becomes q_NS q(rpy). For vectors in N (`p_NS`, `v_NS`) the whole frame of the device is turned.
 
     Attributes:
-        fields: vectors of three and rotations, which turn together.
+        fields: vectors of three components, and rotations; all are turned by the same angles.
         rpy_deg: roll, pitch, yaw.
-        sigma_deg: standard deviation of a further error of each angle, drawn once.
+        sigma_deg: standard deviation of a further error of each angle that is drawn once.
     """
 
     fields: Annotated[tuple[Name, ...], Meta(min_length=1)]
     rpy_deg: Vector3 = (0.0, 0.0, 0.0)
     sigma_deg: NonNegative = 0.0
 
-    def build(self, stream: Stream) -> _Misalignment:
-        """The modifier.
+    def build(self, stream: Stream) -> Operation:
+        """Return the modifier.
 
         Raises:
-            ValueError: a field is unknown, or neither a vector of three nor a rotation; the text lists those that are.
+            ValueError: a field is unknown, or neither a vector of three components nor a rotation; the text lists those that are.
         """
-        return _Misalignment(self, stream)
+        turning = [field for field in stream.fields if field.is_rotation or (field.frame and field.shape == (3,))]
+        names = [field.name for field in turning]
+        for name in self.fields:
+            if name not in names:
+                there = ", ".join(names) or "none"
+                raise ValueError(f'no vector or rotation "{name}" to turn here, there are: {there}')
+        first, *more = (k for k, field in enumerate(stream.fields) if field.name in self.fields)
+        drawn = (rad(self.sigma_deg) * draw_normals(stream.key, 3)).tolist()
+        roll, pitch, yaw = (rad(angle) + error for angle, error in zip(self.rpy_deg, drawn, strict=True))
+        return _Misalignment(MISALIGNMENT, stream, first, memory=Turn(quat_from_rpy(roll, pitch, yaw)), more=more)
 
 
 _Part = Annotated[float, Meta(ge=-1.001, le=1.001)]
 
 
 class Turn(Memory):
-    """Attributes:
-    q: from the real axes to those of the table, of unit length."""
+    """The error of the mounting.
+
+    Attributes:
+        q: unit quaternion from the real axes to those of the table.
+    """
 
     q: tuple[_Part, _Part, _Part, _Part] = IDENTITY
 
 
 class _Misalignment(Operation):
-    code = MISALIGNMENT
-
-    def __init__(self, config: Misalignment, stream: Stream) -> None:
-        turning = [field for field in stream.fields if field.is_rotation or (field.frame and field.shape == (3,))]
-        names = [field.name for field in turning]
-        for name in config.fields:
-            if name not in names:
-                there = ", ".join(names) or "none"
-                raise ValueError(f'no vector or rotation "{name}" to turn here, there are: {there}')
-        first, *more = (k for k, field in enumerate(stream.fields) if field.name in config.fields)
-        drawn = (rad(config.sigma_deg) * draw_normals(stream.key, 3)).tolist()
-        roll, pitch, yaw = (rad(angle) + error for angle, error in zip(config.rpy_deg, drawn, strict=True))
-        super().__init__(stream, first, (), Turn(quat_from_rpy(roll, pitch, yaw)), more=more)
-
     def valid(self, record: Memory) -> None:
         super().valid(record)
         assert isinstance(record, Turn)
@@ -78,7 +76,7 @@ class _Misalignment(Operation):
 
 @compiled
 def misalign(op: Any, numbers: Array, row: Array) -> None:
-    """Remembers `Turn`; four components are a rotation, three a vector."""
+    """Turn the field: a rotation if it has four components, otherwise a vector. Remembers `Turn`."""
     w, x, y, z = numbers[op.memory], numbers[op.memory + 1], numbers[op.memory + 2], numbers[op.memory + 3]
     k = op.first
     if op.count == 4:
@@ -88,7 +86,7 @@ def misalign(op: Any, numbers: Array, row: Array) -> None:
         row[k + 2] = a * y - b * z + c * w + d * x
         row[k + 3] = a * z + b * y - c * x + d * w
         return
-    # By the conjugate, as `frames.rotate` has it.
+    # This is `frames.rotate` by the conjugate.
     u, v, s = row[k], row[k + 1], row[k + 2]
     tx, ty, tz = 2.0 * (z * v - y * s), 2.0 * (x * s - z * u), 2.0 * (y * u - x * v)
     row[k] = u + w * tx + z * ty - y * tz

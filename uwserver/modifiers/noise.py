@@ -17,28 +17,21 @@ WHITE, GAUSS_MARKOV, OUTLIER = 1, 2, 3
 
 
 class WhiteNoise(ModifierTable, tag="white_noise", kw_only=True, frozen=True):
-    """Independent normal error of each component. Give `sigma` (per sample, in the field's unit) or `density` (unit/sqrt(Hz), as data sheets
-    do; sigma = density sqrt(rate)); with both they add in variance."""
+    """An independent normal error of each component. Give `sigma` (of a sample, in the field's unit) or `density` (unit/sqrt(Hz), as in data sheets;
+    sigma = density sqrt(rate)). If both are given, their variances add."""
 
     field: Name
     sigma: NonNegative = 0.0
     density: NonNegative = 0.0
 
-    def build(self, stream: Stream) -> _White:
-        """The modifier; ValueError as `Stream.index`."""
-        return _White(self, stream)
-
-
-class _White(Operation):
-    code = WHITE
-
-    def __init__(self, config: WhiteNoise, stream: Stream) -> None:
-        super().__init__(stream, stream.index(config.field), (config.sigma, config.density))
+    def build(self, stream: Stream) -> Operation:
+        """Return the modifier; ValueError as `Stream.index`."""
+        return Operation(WHITE, stream, stream.index(self.field), (self.sigma, self.density))
 
 
 @compiled
 def white(op: Any, row: Array, reading: Any, dt: float) -> None:
-    """Parameters: sigma, density."""
+    """Add white noise. Parameters: sigma, density."""
     sigma = math.sqrt(op.p[0] ** 2 + op.p[1] ** 2 / dt)
     for k in range(0, op.count, 2):
         a, b = normals(op.key, reading.number, SAMPLE, k // 2)
@@ -48,39 +41,36 @@ def white(op: Any, row: Array, reading: Any, dt: float) -> None:
 
 
 class GaussMarkov(ModifierTable, tag="gauss_markov", kw_only=True, frozen=True):
-    """Exponentially correlated error: standard deviation `sigma` (field's unit), correlation time `tau_s`. The usual stand-in for bias
+    """An exponentially correlated error with standard deviation `sigma` (field's unit) and correlation time `tau_s`, the usual model of bias
     instability. It starts from its stationary distribution."""
 
     field: Name
     sigma: NonNegative
     tau_s: Positive
 
-    def build(self, stream: Stream) -> _GaussMarkov:
-        """The modifier; ValueError as `Stream.index`."""
-        return _GaussMarkov(self, stream)
+    def build(self, stream: Stream) -> Operation:
+        """Return the modifier; ValueError as `Stream.index`."""
+        index = stream.index(self.field)
+        start = self.sigma * draw_normals(stream.key, stream.fields[index].size)
+        memory = Correlated(error=tuple(start.tolist()))
+        return Operation(GAUSS_MARKOV, stream, index, (self.sigma, self.tau_s), memory)
 
 
 class Correlated(Memory):
-    """Attributes:
-    last: time of the reading before, s.
-    error: of each component, field's unit."""
+    """The present error.
+
+    Attributes:
+        last: time of the previous reading, s.
+        error: of each component, field's unit.
+    """
 
     last: Time = NEVER
     error: tuple[Number, ...] = ()
 
 
-class _GaussMarkov(Operation):
-    code = GAUSS_MARKOV
-
-    def __init__(self, config: GaussMarkov, stream: Stream) -> None:
-        index = stream.index(config.field)
-        start = config.sigma * draw_normals(stream.key, stream.fields[index].size)
-        super().__init__(stream, index, (config.sigma, config.tau_s), Correlated(error=tuple(start.tolist())))
-
-
 @compiled
 def gauss_markov(op: Any, numbers: Array, row: Array, reading: Any, dt: float) -> None:
-    """Parameters: sigma, tau; remembers `Correlated`."""
+    """Add the correlated error. Parameters: sigma, tau; remembers `Correlated`."""
     decay = math.exp(-since(reading, numbers[op.memory], dt) / op.p[1])
     scale = op.p[0] * math.sqrt(1.0 - decay * decay)
     numbers[op.memory] = reading.t_ns / 1e9
@@ -98,9 +88,9 @@ class Outlier(ModifierTable, tag="outlier", kw_only=True, frozen=True):
     """Now and then a reading is far off.
 
     Attributes:
-        probability: of each reading.
-        sigma: standard deviation of the error of each component then, field's unit.
-        one_sided: only to more, as an echo by a detour is always late.
+        probability: that a reading is an outlier.
+        sigma: standard deviation of the error of each of its components, field's unit.
+        one_sided: the error is always positive, as of an echo on a detour, which always comes late.
     """
 
     field: Name
@@ -108,21 +98,14 @@ class Outlier(ModifierTable, tag="outlier", kw_only=True, frozen=True):
     sigma: NonNegative
     one_sided: bool = False
 
-    def build(self, stream: Stream) -> _Outlier:
-        """The modifier; ValueError as `Stream.index`."""
-        return _Outlier(self, stream)
-
-
-class _Outlier(Operation):
-    code = OUTLIER
-
-    def __init__(self, config: Outlier, stream: Stream) -> None:
-        super().__init__(stream, stream.index(config.field), (config.probability, config.sigma, config.one_sided))
+    def build(self, stream: Stream) -> Operation:
+        """Return the modifier; ValueError as `Stream.index`."""
+        return Operation(OUTLIER, stream, stream.index(self.field), (self.probability, self.sigma, self.one_sided))
 
 
 @compiled
 def outlier(op: Any, row: Array, reading: Any) -> None:
-    """Parameters: probability, sigma, whether only to more. The first lane decides whether there is one."""
+    """Add an error to outliers. Parameters: probability, sigma, whether it is one-sided. Lane 0 decides whether the reading is one."""
     chance, _ = uniforms(op.key, reading.number, SAMPLE, 0)
     if chance >= op.p[0]:
         return

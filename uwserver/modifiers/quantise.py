@@ -1,4 +1,4 @@
-"""What a converter does to a value: it has a resolution, and ends."""
+"""Errors of a converter: finite resolution and finite range."""
 
 from __future__ import annotations
 
@@ -24,33 +24,26 @@ class Quantise(ModifierTable, tag="quantise", kw_only=True, frozen=True):
     field: Name
     step: Positive
 
-    def build(self, stream: Stream) -> _Quantise:
-        """The modifier; ValueError as `Stream.index`."""
-        return _Quantise(self, stream)
-
-
-class _Quantise(Operation):
-    code = QUANTISE
-
-    def __init__(self, config: Quantise, stream: Stream) -> None:
-        # k / 500 prints as 0.142 where k * 0.002 does not.
-        steps = round(1.0 / config.step)
-        per_unit = steps if steps and abs(steps * config.step - 1.0) < 1e-12 else 0
-        super().__init__(stream, stream.index(config.field), (config.step, per_unit))
+    def build(self, stream: Stream) -> Operation:
+        """Return the modifier; ValueError as `Stream.index`."""
+        # If a whole number of steps makes one unit, the kernel divides by this number: 71 / 500 prints as 0.142, and 71 * 0.002 does not.
+        steps = round(1.0 / self.step)
+        per_unit = steps if steps and abs(steps * self.step - 1.0) < 1e-12 else 0
+        return Operation(QUANTISE, stream, stream.index(self.field), (self.step, per_unit))
 
 
 @compiled
 def quantise(op: Any, row: Array) -> None:
-    """Parameters: step, and how many of them make one unit; 0 where that is no whole number."""
+    """Round the components. Parameters: step, and the number of steps in one unit, or 0 if this is not a whole number."""
     for k in range(op.first, op.first + op.count):
         row[k] = np.rint(row[k] * op.p[1]) / op.p[1] if op.p[1] > 0.0 else np.rint(row[k] / op.p[0]) * op.p[0]
 
 
 class Saturate(ModifierTable, tag="saturate", kw_only=True, frozen=True):
-    """Holds each component between `minimum` and `maximum` (field's unit); at least one is given.
+    """Limits each component to `minimum` and `maximum` (field's unit). At least one of them must be given.
 
     Attributes:
-        invalid: a reading that had to be held is not valid.
+        invalid: whether a reading that exceeds a limit becomes invalid.
     """
 
     field: Name
@@ -59,29 +52,26 @@ class Saturate(ModifierTable, tag="saturate", kw_only=True, frozen=True):
     invalid: bool = False
 
     def __post_init__(self) -> None:
-        low, high = self.minimum, self.maximum
-        if isinstance(low, UnsetType) and isinstance(high, UnsetType):
+        low, high = self.limits
+        if self.minimum is UNSET and self.maximum is UNSET:
             raise ValueError("give minimum, maximum or both")
-        if not isinstance(low, UnsetType) and not isinstance(high, UnsetType) and low > high:
+        if low > high:
             raise ValueError(f"minimum {low:g} is above maximum {high:g}")
 
-    def build(self, stream: Stream) -> _Saturate:
-        """The modifier; ValueError as `Stream.index`."""
-        return _Saturate(self, stream)
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Minimum and maximum; infinite if not given."""
+        low = -math.inf if isinstance(self.minimum, UnsetType) else self.minimum
+        return low, math.inf if isinstance(self.maximum, UnsetType) else self.maximum
 
-
-class _Saturate(Operation):
-    code = SATURATE
-
-    def __init__(self, config: Saturate, stream: Stream) -> None:
-        low = -math.inf if isinstance(config.minimum, UnsetType) else config.minimum
-        high = math.inf if isinstance(config.maximum, UnsetType) else config.maximum
-        super().__init__(stream, stream.index(config.field), (low, high, config.invalid))
+    def build(self, stream: Stream) -> Operation:
+        """Return the modifier; ValueError as `Stream.index`."""
+        return Operation(SATURATE, stream, stream.index(self.field), (*self.limits, self.invalid))
 
 
 @compiled
 def saturate(op: Any, row: Array, reading: Any) -> None:
-    """Parameters: lowest, highest, whether what had to be held is not valid."""
+    """Limit the components. Parameters: minimum, maximum, whether a reading that exceeds a limit becomes invalid."""
     for k in range(op.first, op.first + op.count):
         if row[k] < op.p[0] or row[k] > op.p[1]:
             row[k] = op.p[0] if row[k] < op.p[0] else op.p[1]
