@@ -1,10 +1,9 @@
-"""Which command each actuator gets so that together they make a wrench: pseudo-inverse, limits, and inverted thrust curves.
+"""Control allocation: which command each actuator gets so that together they make a wrench. Pseudo-inverse, limits, and inverted thrust curves.
 
-When the actuators cannot give everything, heave and moments keep their share before surge and sway: a vehicle that turns over or sinks loses more
-than one that is slow.
+If the actuators cannot make the whole wrench, heave and the moments come before surge and sway: to turn over or to sink is worse than to be slow.
 
-Closed forms: f = W^-1 B^T (B W^-1 B^T + lambda I)^-1 tau is the least sum of (f_i / limit_i)^2 among all forces that make tau (Fossen 2011,
-section 12.3.2), with a small damping lambda against axes that are almost out of reach.
+Closed form: f = W^-1 B^T (B W^-1 B^T + lambda I)^-1 tau has the least sum of (f_i / limit_i)^2 among all forces that make tau (Fossen 2011,
+section 12.3.2). The small damping lambda keeps forces small on axes that are almost out of reach.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -23,13 +22,12 @@ from uwserver.physics.kernel.deferred import compiled, separate
 
 SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
 IMPORTANCE = (HEAVE, YAW, SURGE, SWAY, ROLL, PITCH)
-"""Which axes are controlled where there are not enough actuators for all."""
+"""The axes by importance: if there are not enough actuators for all axes, the first ones are controlled."""
 DAMPING = 1e-3
-"""Square root of lambda over the largest singular value."""
+"""Square root of lambda, over the largest singular value."""
 _OUT_OF_REACH = 0.05
-"""An axis is out of reach whose wrench, in the best case, leaves this part of it to the axes that are controlled already."""
+"""An axis is out of reach if less than this part of its wrench is independent of the axes that are controlled already."""
 
-Given = tuple[tuple[float, ...] | None, ...]
 THRUSTERS, FINS, WRENCHES = range(3)
 
 
@@ -39,22 +37,23 @@ class Thrust:
 
     Attributes:
         column: (6) wrench about the origin in B per newton.
-        curve: (u, N) ascending in both, installed, at the supply's voltage.
+        curve: (u, N), ascending in both; installed, at the voltage of the supply.
     """
 
     column: Six
     curve: tuple[tuple[float, float], ...]
 
 
-class Allocation(Protocol):
-    """The actuators of a vehicle, seen as a wrench.
+@dataclass(frozen=True, eq=False)
+class Allocation:
+    """The actuators of a vehicle, and the wrench that they can make.
 
     Attributes:
-        means: THRUSTERS, FINS or WRENCHES: which compiled function shares a wrench out among them.
-        axes: that can be controlled.
+        means: THRUSTERS, FINS or WRENCHES: the kind of the actuators, for which there is a compiled function each.
+        axes: the axes that can be controlled.
         reach: largest wrench of each axis, N and N m.
-        devices: DEVICE rows of the components of the commands of the held actuators, in their order.
-        curves: (n, 2) of `command_for`, of all of them.
+        devices: a DEVICE for each component of the commands of the actuators, in their order.
+        curves: (n, 2) points of the curves of all devices, for `command_for`.
     """
 
     means: int
@@ -65,7 +64,8 @@ class Allocation(Protocol):
 
 
 def controllable(columns: FloatArray) -> tuple[int, ...]:
-    """Axes (ascending) that can be commanded independently, the most important first; `columns` is (6, n), each of unit strength."""
+    """Return the axes that can be commanded independently, ascending. The more important axes are preferred. `columns` is (6, n): the wrench of each
+    actuator at unit strength."""
     kept: list[int] = []
     arm = max(float(np.abs(columns[3:]).max(initial=0.0)), 1e-9)
     scaled = columns.copy()
@@ -86,12 +86,12 @@ def controllable(columns: FloatArray) -> tuple[int, ...]:
 
 
 def inverse(columns: FloatArray, limits: FloatArray, axes: Sequence[int]) -> FloatArray:
-    """(n, 6) from a wrench to actuators; zero columns for axes that are not among `axes`.
+    """Return the matrix (n, 6) from a wrench to the actuators. Its columns are zero for axes that are not in `axes`.
 
     Args:
-        columns: (6, n) wrench per unit of each actuator.
-        limits: (n) of each actuator, which weigh them against each other.
-        axes: those that are made exactly, but for the damping.
+        columns: (6, n) wrench of each actuator per unit.
+        limits: (n) limits of the actuators, which weight them.
+        axes: the axes that are made exactly, apart from the damping.
     """
     arm = max(float(np.abs(columns[3:]).max(initial=0.0)), 1e-9)
     rows = np.array([1.0] * 3 + [1.0 / arm] * 3)[list(axes)]
@@ -105,7 +105,8 @@ def inverse(columns: FloatArray, limits: FloatArray, axes: Sequence[int]) -> Flo
 
 @compiled
 def share(devices: Array) -> None:
-    """The important forces (`first`), scaled down if they alone are too much, and as much of the others (`rest`) as fits beside them, as `force`."""
+    """Set `force` of all devices within their limits: the important forces (`first`), which are scaled down only if they alone exceed a limit, and
+    as much of the others (`rest`) as the limits leave. Each of the two is scaled by one factor for all devices, which keeps its direction."""
     a, b = 1.0, 1.0
     for d in devices:
         a = _fitting(d.first, 0.0, d.low, d.high, a)
@@ -117,7 +118,7 @@ def share(devices: Array) -> None:
 
 @compiled
 def _fitting(wanted: float, base: float, low: float, high: float, part: float) -> float:
-    """The largest part s <= `part` of a force for which base + s wanted keeps the limits."""
+    """Return the largest s <= `part` for which base + s wanted is within the limits."""
     if wanted > 0.0 and base + wanted > high:
         return min(part, max(0.0, (high - base) / wanted))
     if wanted < 0.0 and base + wanted < low:
@@ -126,7 +127,7 @@ def _fitting(wanted: float, base: float, low: float, high: float, part: float) -
 
 
 def curve_points(points: Sequence[tuple[float, float]]) -> tuple[FloatArray, int, int]:
-    """A force table turned round, for `command_for`: (n, 2) points (N, u), and how many of them are astern and ahead.
+    """Invert a force table for `command_for`. Returns (n, 2) points (N, u), and how many of them are astern and ahead.
 
     Args:
         points: (u, N), ascending in both.
@@ -139,14 +140,13 @@ def curve_points(points: Sequence[tuple[float, float]]) -> tuple[FloatArray, int
     return np.array([*astern, (0.0, back), (0.0, edge), *forward]), len(astern) + 1, len(forward) + 1
 
 
-def no_curves() -> FloatArray:
-    """Of devices that have none."""
-    return np.zeros((0, 2))
+NO_CURVES = np.zeros((0, 2))
+"""The curves of devices that have none."""
 
 
 @compiled
 def command_for(curves: Array, first: int, astern: int, ahead: int, force: float) -> float:
-    """The least command u that makes a force (N); within the dead band it is zero."""
+    """Return the least command u that makes a force (N); 0 for no force."""
     if force == 0.0:
         return 0.0
     last = first + astern - 1
@@ -164,57 +164,48 @@ def command_for(curves: Array, first: int, astern: int, ahead: int, force: float
 
 
 def reaches(columns: FloatArray, low: FloatArray, high: FloatArray, into: FloatArray) -> Six:
-    """The largest wrench on each axis alone, in the direction in which it is less; 0 out of reach."""
-    values = []
-    for axis in range(6):
-        f = into[:, axis]
-        if not f.any():
-            values.append(0.0)
-            continue
-        scale = min(_largest(f, low, high), _largest(-f, low, high))
-        values.append(scale * float(columns[axis] @ f))
+    """Return the largest wrench on each axis alone, in its weaker direction; 0 for an axis that is out of reach."""
+    values = [0.0] * 6
+    for axis, f in enumerate(into.T):
+        if f.any():
+            values[axis] = min(_largest(f, low, high), _largest(-f, low, high)) * float(columns[axis] @ f)
     a, b, c, d, e, g = values
     return (a, b, c, d, e, g)
 
 
 def _largest(direction: FloatArray, low: FloatArray, high: FloatArray) -> float:
+    """Return the largest factor of a direction that keeps all limits."""
     with np.errstate(divide="ignore", invalid="ignore"):
         room = np.where(direction > 0.0, high / direction, np.where(direction < 0.0, low / direction, math.inf))
     return float(room.min())
 
 
-class Thrusters:
-    """Thrusters of one or several actuators."""
-
-    means = THRUSTERS
-
-    def __init__(self, groups: Sequence[tuple[Sequence[Thrust], bool]]) -> None:
-        """Of each actuator its thrusters, and whether it is commanded by force rather than u."""
-        thrusts = [thrust for group, _ in groups for thrust in group]
-        columns = np.array([thrust.column for thrust in thrusts]).T.copy()
-        low = np.array([thrust.curve[0][1] for thrust in thrusts])
-        high = np.array([thrust.curve[-1][1] for thrust in thrusts])
-        self.axes = controllable(columns)
-        into = inverse(columns, np.minimum(-low, high), self.axes)
-        self.reach = reaches(columns, low, high, into)
-        self.devices: Any = np.zeros(len(thrusts), DEVICE)
-        self.devices["kind"], self.devices["into"], self.devices["column"] = THRUSTER, into, columns.T
-        self.devices["low"], self.devices["high"] = low, high
-        self.devices["by_force"] = [by_force for group, by_force in groups for _ in group]
-        tables, first = [], 0
-        for row, thrust in zip(self.devices, thrusts, strict=True):
-            points, row["astern"], row["ahead"] = curve_points(thrust.curve)
-            row["curve_first"] = first
-            tables.append(points)
-            first += len(points)
-        self.curves = np.concatenate(tables)
+def thruster_allocation(groups: Sequence[tuple[Sequence[Thrust], bool]]) -> Allocation:
+    """Return the allocation of one or several actuators. `groups` gives the thrusters of each, and whether it is commanded by force instead of u."""
+    thrusts = [thrust for group, _ in groups for thrust in group]
+    columns = np.array([thrust.column for thrust in thrusts]).T.copy()
+    low = np.array([thrust.curve[0][1] for thrust in thrusts])
+    high = np.array([thrust.curve[-1][1] for thrust in thrusts])
+    axes = controllable(columns)
+    into = inverse(columns, np.minimum(-low, high), axes)
+    devices: Any = np.zeros(len(thrusts), DEVICE)
+    devices["kind"], devices["into"], devices["column"] = THRUSTER, into, columns.T
+    devices["low"], devices["high"] = low, high
+    devices["by_force"] = [by_force for group, by_force in groups for _ in group]
+    tables, first = [], 0
+    for row, thrust in zip(devices, thrusts, strict=True):
+        points, row["astern"], row["ahead"] = curve_points(thrust.curve)
+        row["curve_first"] = first
+        tables.append(points)
+        first += len(points)
+    return Allocation(THRUSTERS, axes, reaches(columns, low, high, into), devices, np.concatenate(tables))
 
 
 @separate
 def allocate_thrusters(devices: Array, tau: Six) -> Six:
-    """Put forces (N) into the devices; returns the wrench that they will make. What is demanded of axes out of reach is ignored."""
+    """Set the forces (N) of the devices for a wrench. Returns the wrench that they will make. Axes that are out of reach are ignored."""
     x, y, z, k, m, n = tau
-    # Heave, roll, pitch and yaw, which keep their share, then surge and sway.
+    # `first`: heave, roll, pitch and yaw; `rest`: surge and sway.
     for d in devices:
         i = d.into
         d.first, d.rest = i[2] * z + i[3] * k + i[4] * m + i[5] * n, i[0] * x + i[1] * y
@@ -227,24 +218,17 @@ def allocate_thrusters(devices: Array, tau: Six) -> Six:
     return fx, fy, fz, tx, ty, tz
 
 
-class Wrench:
-    """A vehicle that is driven by a wrench."""
-
-    means = WRENCHES
-    axes: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
-
-    def __init__(self, limits: Six) -> None:
-        """Within these limits of each axis, N and N m."""
-        self.reach = limits
-        self.devices: Any = np.zeros(6, DEVICE)
-        self.devices["kind"], self.devices["component"] = WRENCH, range(6)
-        self.devices["high"], self.devices["low"] = limits, [-limit for limit in limits]
-        self.curves = no_curves()
+def wrench_allocation(limits: Six) -> Allocation:
+    """Return the allocation of a vehicle that is driven by a wrench. `limits` are those of each axis, N and N m."""
+    devices: Any = np.zeros(6, DEVICE)
+    devices["kind"], devices["component"] = WRENCH, range(6)
+    devices["high"], devices["low"] = limits, [-limit for limit in limits]
+    return Allocation(WRENCHES, (0, 1, 2, 3, 4, 5), limits, devices, NO_CURVES)
 
 
 @compiled
 def allocate_wrench(devices: Array, tau: Six) -> Six:
-    """Put the components into the devices, cut axis by axis; returns them."""
+    """Set the forces of the devices for a wrench, each limited by itself. Returns the wrench that they make."""
     for k in range(6):
         d = devices[k]
         d.force = min(max(tau[k], d.low), d.high)

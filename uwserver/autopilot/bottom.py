@@ -1,6 +1,6 @@
-"""The bottom under a vehicle: how deep it is and how it slopes, by the echoes of altimeter and DVL, with the way made good between them.
+"""Depth and slope of the bottom under a vehicle, estimated from the echoes of altimeter and DVL.
 
-Compiled code. The slope is kept in N, so that a vehicle which turns round on it still knows where it rises.
+Compiled code. The slope is kept in N, so that it stays known when the vehicle turns.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from uwserver.physics.kernel.deferred import compiled
 from uwserver.units import NANOSECONDS
 
 BOTTOM_S = 0.5
-"""Time constant of the bottom's depth under the vehicle, s; that of its slope follows from it (Benedict and Bordner 1962)."""
+"""Time constant of the depth of the bottom, s; the gain of the slope follows from it (Benedict and Bordner 1962)."""
 CREEP_MPS, STEEPEST = 0.1, 3.0
-"""Slower than this a vehicle learns nothing of the bottom's slope; the largest that is believed."""
+"""Speed below which the slope is not learnt; largest slope that is accepted."""
 LEAP_M, LEAP, FEW = 0.5, 0.1, 3
-"""An echo of the bottom that is farther off than this, and this part of its range, is a false one, unless more follow."""
+"""An echo is rejected if it is off by more than LEAP_M plus the part LEAP of its range, unless FEW have been rejected in a row."""
 
 
 @compiled
@@ -26,10 +26,10 @@ def correct_bottom(e: Any, source: Any, reach: float, t_ns: int, late: float) ->
 
     Args:
         e: ESTIMATE of the vehicle.
-        source: SOURCE, whose z points along the beam.
-        reach: of the beam, m; nan without an echo.
+        source: SOURCE of the sensor, whose z axis points along the beam.
+        reach: range along the beam, m; nan without an echo.
         t_ns: time of the echo.
-        late: how long ago that was, s.
+        late: age of the echo, s.
     """
     if not 0.0 <= reach < 1e9:
         return
@@ -37,7 +37,7 @@ def correct_bottom(e: Any, source: Any, reach: float, t_ns: int, late: float) ->
     ahead, aside, below = rotate(four(e.q), (x + source.p[0], y + source.p[1], z + source.p[2]))
     bottom = e.p[2] - e.v[2] * late + below
     dt = (t_ns - e.altitude_ns) / NANOSECONDS
-    # A tilted beam meets a sloping bottom elsewhere than under the vehicle, and then it has moved on.
+    # The echo does not come from under the vehicle: the beam may be tilted, and the vehicle has moved since.
     north, east = ahead - e.v[0] * late, aside - e.v[1] * late
     off = bottom - e.bottom - e.grade[0] * north - e.grade[1] * east
     is_strange = abs(off) > LEAP_M + LEAP * reach
@@ -54,7 +54,8 @@ def correct_bottom(e: Any, source: Any, reach: float, t_ns: int, late: float) ->
             k = share * share / (2.0 - share) * off / (dt * speed * speed)
             x = max(-STEEPEST, min(STEEPEST, e.grade[0] + k * e.v[0]))
             y = max(-STEEPEST, min(STEEPEST, e.grade[1] + k * e.v[1]))
-            # The slope turns about the place of the echo: about the vehicle, one that looks back would make it swing.
+            # The plane of the bottom is turned about the place of the echo. If it turned about the vehicle, it would oscillate with a beam that
+            # points back.
             e.bottom -= (x - e.grade[0]) * north + (y - e.grade[1]) * east
             e.grade[0], e.grade[1] = x, y
     e.strange = 0
@@ -63,5 +64,5 @@ def correct_bottom(e: Any, source: Any, reach: float, t_ns: int, late: float) ->
 
 @compiled
 def fall(e: Any) -> float:
-    """How fast the bottom under the vehicle gets deeper, m/s."""
+    """Return the rate at which the bottom under the vehicle gets deeper, m/s."""
     return float(e.grade[0] * e.v[0] + e.grade[1] * e.v[1])

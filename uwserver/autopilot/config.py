@@ -1,4 +1,4 @@
-"""The scenario's table of a built-in autopilot."""
+"""The table of the built-in autopilot in a scenario."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ Timeout = Annotated[float, Meta(ge=0, le=1e6)]
 
 
 class AutopilotConfig(Table, kw_only=True, frozen=True):
-    """Puts the built-in autopilot into a vehicle. It sees the samples of the vehicle's sensors, never the truth.
+    """Puts the built-in autopilot into a vehicle. It reads the samples of the vehicle's sensors, never the truth.
 
     Attributes:
-        rate_hz: steps a second; divides the physics rate; default: the largest that does, up to 60.
-        state_rate_hz: of its port `state`; likewise, up to 10.
+        rate_hz: steps per second; it must divide the physics rate; default: the largest such rate up to 60.
+        state_rate_hz: rate of its port `state`; the same, up to 10.
         mode: at the start.
-        armed: whether it holds the actuators at the start; a mode that holds begins where its sensors first find it.
-        start_position_ned_m: where its dead reckoning begins; default: at the origin of N, until a sensor knows better.
-        pilot_timeout_s: without a command of the pilot for so long the sticks spring back; 0 for never.
-        setpoint_timeout_s: likewise the set points `velocity` and `attitude`.
-        on_leak, on_low_battery: come up, or only say so.
-        gains: instead of those of the vehicle file; names as there.
+        armed: whether it commands the actuators from the start. It first waits for the sensors that the mode needs; what the mode holds (depth,
+            place ...) begins at their first values.
+        start_position_ned_m: where dead reckoning begins; default: the origin of N, until a sensor measures the position.
+        pilot_timeout_s: after this time without a command from the pilot the sticks return to neutral; 0 for never.
+        setpoint_timeout_s: after this time without a command the set points `velocity` and `attitude` end; 0 for never.
+        on_leak, on_low_battery: come up, or only report it.
+        gains: replace those of the vehicle file; the same names.
     """
 
     kind: Literal["builtin"] = "builtin"

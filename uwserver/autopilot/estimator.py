@@ -1,7 +1,7 @@
-"""Where the vehicle believes itself to be, from delivered samples of its own sensors: attitude, depth, velocity, position, altitude.
+"""The estimator: attitude, depth, velocity, position and altitude of a vehicle, from delivered samples of its own sensors.
 
-Compiled code: `e` is the ESTIMATE of a vehicle, `c` its CRAFT, `source` the SOURCE of a stream, `v` the numbers of a sample of it, `t_ns` when that
-was true, and `late` how long ago that is, s.
+Compiled code. In all functions `e` is the ESTIMATE of a vehicle, `c` its CRAFT, `source` the SOURCE of a stream, `v` a sample of it as numbers,
+`t_ns` the time of the measurement, and `late` its age, s.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from uwserver.autopilot import sources, tracks
 from uwserver.autopilot.bottom import correct_bottom, fall
 from uwserver.autopilot.rows import (
     conjugate,
@@ -24,8 +23,22 @@ from uwserver.autopilot.rows import (
     six,
     three,
 )
-from uwserver.autopilot.state import NEVER, Estimate
+from uwserver.autopilot.sources import (
+    ALTIMETER,
+    ATTITUDE,
+    BATTERY,
+    DVL,
+    GPS,
+    IMU,
+    LBL,
+    LEAK,
+    MOTION_CAPTURE,
+    PRESSURE,
+    USBL,
+)
+from uwserver.autopilot.state import NEVER, STILL, Estimate
 from uwserver.autopilot.sticks import settle
+from uwserver.autopilot.tracks import Measured, is_likely, measure_bearing, measure_position, measure_velocity, predict
 from uwserver.environment import geodesy
 from uwserver.frames import Quat, Vec3
 from uwserver.physics.kernel.arrays import Array
@@ -33,31 +46,22 @@ from uwserver.physics.kernel.deferred import compiled, separate
 from uwserver.units import NANOSECONDS
 
 LEVELLING = 0.5
-"""How fast the accelerometer turns tilt to the vertical where no device measures the attitude, 1/s."""
+"""Rate at which the accelerometer corrects the tilt if no device measures the attitude, 1/s."""
 ALONE_NS = NANOSECONDS // 2
-"""So long after the last attitude of a device the IMU keeps the tilt alone."""
+"""After this time without an attitude from a device, the IMU alone gives the tilt."""
 QUIET = 0.3
-"""Part of gravity by which a specific force may differ and still show the vertical."""
+"""A specific force shows the vertical if it differs from gravity by less than this part."""
 DRIFT_S, DRIFT_RADPS = 5.0, 0.05
-"""Time constant with which the gyroscope's error is learnt where a device measures the attitude, and the largest that is believed."""
+"""Time constant with which the error of the gyroscope is learnt if a device measures the attitude; largest error that is accepted."""
 STUBBORN = 8
-"""So many unlikely fixes in a row are right after all."""
+"""After this number of unlikely fixes in a row they are accepted."""
 JUMP_MPS, FEW = 0.5, 3
-"""A velocity so far from what is expected is a false echo, unless more follow."""
+"""A velocity that is off by more than this is rejected as a false echo, unless FEW have been rejected in a row."""
 DEPTH_VARIANCE = 0.01**2
 VELOCITY_VARIANCE = 0.02**2
 COASTING_S = 2.0
-"""Time constant with which a motion is taken to die away that nothing tells of, s."""
+"""Time constant with which a motion that no sensor measures is assumed to die away, s."""
 
-IMU, ATTITUDE, PRESSURE, DVL, ALTIMETER, GPS = (
-    sources.IMU, sources.ATTITUDE, sources.PRESSURE, sources.DVL, sources.ALTIMETER, sources.GPS,
-)  # fmt: skip
-MOTION_CAPTURE, USBL, LBL, LEAK, BATTERY = (
-    sources.MOTION_CAPTURE, sources.USBL, sources.LBL, sources.LEAK, sources.BATTERY,
-)  # fmt: skip
-predict, measure_position, measure_velocity, measure_bearing, is_likely = (
-    tracks.predict, tracks.measure_position, tracks.measure_velocity, tracks.measure_bearing, tracks.is_likely,
-)  # fmt: skip
 _north_east = compiled(geodesy.north_east)
 
 
@@ -66,7 +70,7 @@ _north_east = compiled(geodesy.north_east)
 
 @separate
 def update(p: Any, source: Any, beacons: Array, v: Array, t_ns: int, now_ns: int) -> None:
-    """Correct the estimate of a PILOT by a valid sample; one that no sensor gives (it may come from a saved state) tells nothing."""
+    """Correct the estimate of a PILOT by a valid sample. Impossible values, which may come from a saved state, are ignored."""
     e = p.e
     deep, headed, placed = e.depth_ns == NEVER, e.heading_ns == NEVER, e.fix_ns == NEVER
     _take(p, source, beacons, v, t_ns, now_ns)
@@ -77,7 +81,7 @@ def update(p: Any, source: Any, beacons: Array, v: Array, t_ns: int, now_ns: int
 
 @compiled
 def _take(p: Any, source: Any, beacons: Array, v: Array, t_ns: int, now_ns: int) -> None:
-    """Into the estimate, by the kind of the sensor."""
+    """Correct the estimate, by the kind of the sensor."""
     e, c = p.e, p.c
     late = (now_ns - t_ns) / NANOSECONDS
     kind = source.kind
@@ -108,16 +112,6 @@ def _take(p: Any, source: Any, beacons: Array, v: Array, t_ns: int, now_ns: int)
 
 
 @compiled
-def _vector(v: Array, k: int) -> Vec3:
-    return v[k], v[k + 1], v[k + 2]
-
-
-@compiled
-def _quaternion(v: Array, k: int) -> Quat:
-    return v[k], v[k + 1], v[k + 2], v[k + 3]
-
-
-@compiled
 def _is_vector(v: Vec3) -> bool:
     return abs(v[0]) + abs(v[1]) + abs(v[2]) < 1e9
 
@@ -129,7 +123,7 @@ def _is_rotation(q: Quat) -> bool:
 
 @compiled
 def _turned(q: Quat, w: Vec3, dt: float) -> Quat:
-    """q after turning with w (rad/s in B) for dt (s); normalised."""
+    """Return q after a turn with w (rad/s in B) for dt (s), normalised."""
     a, b, c, d = multiply(q, (1.0, 0.5 * dt * w[0], 0.5 * dt * w[1], 0.5 * dt * w[2]))
     n = 1.0 / math.sqrt(a * a + b * b + c * c + d * d)
     return a * n, b * n, c * n, d * n
@@ -137,7 +131,7 @@ def _turned(q: Quat, w: Vec3, dt: float) -> Quat:
 
 @compiled
 def _imu(e: Any, c: Any, source: Any, v: Array, t_ns: int) -> None:
-    f_S, w_S = _vector(v, source.place[0]), _vector(v, source.place[1])
+    f_S, w_S = three(v[source.place[0] :]), three(v[source.place[1] :])
     if not (_is_vector(f_S) and _is_vector(w_S)):
         return
     f, (wx, wy, wz) = rotate(four(source.q), f_S), rotate(four(source.q), w_S)
@@ -147,11 +141,11 @@ def _imu(e: Any, c: Any, source: Any, v: Array, t_ns: int) -> None:
     g, q = c.gravity, four(e.q)
     force = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
     quiet = abs(force - g) < QUIET * g
-    # Nothing measures the attitude, or not any more: the vertical shows the tilt.
+    # If no device measures the attitude, or not any more, the vertical gives the tilt.
     alone = t_ns - e.heading_ns > ALONE_NS
     if alone:
         if e.attitude_ns == NEVER and force > 0.0:
-            # Level as the first specific force says, which points up.
+            # The first tilt is that of the first specific force, which points up.
             yaw = rpy_from_quat(q)[2]
             q = quat_from_rpy(math.atan2(-f[1], -f[2]), math.atan2(f[0], math.hypot(f[1], f[2])), yaw)
         if quiet:
@@ -169,16 +163,15 @@ def _imu(e: Any, c: Any, source: Any, v: Array, t_ns: int) -> None:
             )
         q = _turned(q, turn, min(dt, 0.5))
     set_four(e.q, q)
-    a = rotate(q, f)
-    e.acceleration[0] += a[0]
-    e.acceleration[1] += a[1]
-    e.acceleration[2] += a[2] + g
+    ax, ay, az = rotate(q, f)
+    for i, part in enumerate((ax, ay, az + g)):
+        e.acceleration[i] += part
     e.count += 1
 
 
 @compiled
 def _attitude(e: Any, c: Any, source: Any, v: Array, t_ns: int, late: float) -> None:
-    q_NS = _quaternion(v, source.place[0])
+    q_NS = four(v[source.place[0] :])
     if not _is_rotation(q_NS):
         return
     q = multiply(q_NS, conjugate(four(source.q)))
@@ -191,13 +184,14 @@ def _attitude(e: Any, c: Any, source: Any, v: Array, t_ns: int, late: float) -> 
 def _correct_attitude(e: Any, c: Any, q: Quat, t_ns: int, late: float) -> None:
     before = _turned(four(e.q), three(e.w), -late)
     if c.has_imu == 0 and e.attitude_ns != NEVER and t_ns > e.attitude_ns:
-        # No gyroscope: the rate from two attitudes, smoothed over some of them.
+        # Without a gyroscope the rate is found from consecutive attitudes, and smoothed.
         d = multiply(conjugate(before), q)
         k = math.copysign(2.0 / ((t_ns - e.attitude_ns) / NANOSECONDS), d[0])
         for i in range(3):
             e.w[i] += 0.3 * (k * d[1 + i] - e.w[i])
     elif c.has_imu != 0 and 0 < t_ns - e.heading_ns < NANOSECONDS:
-        # What the gyroscope has turned too far since the last attitude: left alone, the heading would stand off by that over heading_p.
+        # The angle by which the gyroscope has turned too far since the last attitude shows its drift. An uncorrected drift would make an error of
+        # heading of the drift over `heading_p`.
         d = multiply(conjugate(q), before)
         k = math.copysign(2.0 / DRIFT_S, d[0])
         for i in range(3):
@@ -218,17 +212,13 @@ def _pressure(e: Any, source: Any, v: Array, t_ns: int, late: float) -> None:
 
 @compiled
 def _correct_depth(e: Any, z: float, late: float, variance: float) -> None:
-    k, m, n, after = measure_position(six(e.steep), variance)
     d = z - (e.p[2] - e.v[2] * late)
-    set_six(e.steep, after)
-    e.p[2] += k * d
-    e.v[2] += m * d
-    e.bias[2] += n * d
+    _correct_down(e, measure_position(six(e.steep), variance), d)
 
 
 @compiled
 def _dvl(e: Any, source: Any, v: Array, t_ns: int, late: float) -> None:
-    v_S, merit = _vector(v, source.place[0]), v[source.place[2]]
+    v_S, merit = three(v[source.place[0] :]), v[source.place[2]]
     if not _is_vector(v_S):
         return
     (x, y, z), (wx, wy, wz), (rx, ry, rz) = rotate(four(source.q), v_S), three(e.w), three(source.p)
@@ -239,14 +229,8 @@ def _dvl(e: Any, source: Any, v: Array, t_ns: int, late: float) -> None:
         return
     e.doubted = 0
     variance = max(VELOCITY_VARIANCE, merit * merit) if merit == merit else VELOCITY_VARIANCE
-    k, m, n, after = measure_velocity(six(e.flat), variance)
-    set_six(e.flat, after)
-    _shift(e, dx, dy, k, m, n)
-    k, m, n, after = measure_velocity(six(e.steep), variance)
-    set_six(e.steep, after)
-    e.p[2] += k * dz
-    e.v[2] += m * dz
-    e.bias[2] += n * dz
+    _correct_level(e, measure_velocity(six(e.flat), variance), dx, dy)
+    _correct_down(e, measure_velocity(six(e.steep), variance), dz)
     e.velocity_ns = t_ns
     correct_bottom(e, source, v[source.place[1]], t_ns, late)
 
@@ -262,7 +246,7 @@ def _gps(e: Any, c: Any, source: Any, v: Array, t_ns: int, late: float) -> None:
 
 @compiled
 def _motion_capture(e: Any, c: Any, source: Any, v: Array, t_ns: int, late: float) -> None:
-    p_NS, q_NS = _vector(v, source.place[0]), _quaternion(v, source.place[1])
+    p_NS, q_NS = three(v[source.place[0] :]), four(v[source.place[1] :])
     if not (_is_vector(p_NS) and _is_rotation(q_NS)):
         return
     if c.has_attitude == 0:
@@ -274,7 +258,7 @@ def _motion_capture(e: Any, c: Any, source: Any, v: Array, t_ns: int, late: floa
 
 @compiled
 def _usbl(e: Any, source: Any, beacons: Array, v: Array, t_ns: int, late: float) -> None:
-    number, reach, p_beacon_S = int(v[source.place[0]]), v[source.place[1]], _vector(v, source.place[2])
+    number, reach, p_beacon_S = int(v[source.place[0]]), v[source.place[1]], three(v[source.place[2] :])
     if number < 0 or reach != reach or not _is_vector(p_beacon_S):
         return
     beacon = beacons[source.beacon_first + number]
@@ -295,16 +279,14 @@ def _lbl(e: Any, source: Any, beacons: Array, v: Array, t_ns: int, late: float) 
     flat = math.hypot(x, y)
     level = math.sqrt(max(reach * reach - z * z, 0.0))
     if flat < 1.0 or level < 1.0:
-        return  # right above the beacon its range says nothing of the place
+        return  # straight above the beacon its range does not depend on the place
     variance = (source.sigma * reach / level) ** 2
     d = level - flat
     if not is_likely(d, six(e.flat), variance) and e.refused < STUBBORN:
         e.refused += 1
         return
     e.refused = 0
-    k, m, n, after = measure_bearing(six(e.flat), variance)
-    set_six(e.flat, after)
-    _shift(e, d * x / flat, d * y / flat, k, m, n)
+    _correct_level(e, measure_bearing(six(e.flat), variance), d * x / flat, d * y / flat)
     e.fix_ns = t_ns
 
 
@@ -319,20 +301,33 @@ def _correct_place(e: Any, north: float, east: float, arm: Vec3, sigma: float, t
             return
         e.flat[0], e.flat[1], e.flat[2] = 1e6, 0.0, 0.0
     e.refused = 0
-    k, m, n, after = measure_position(six(e.flat), variance)
-    set_six(e.flat, after)
-    _shift(e, dx, dy, k, m, n)
+    _correct_level(e, measure_position(six(e.flat), variance), dx, dy)
     e.fix_ns = t_ns
 
 
 @compiled
-def _shift(e: Any, dx: float, dy: float, k: float, m: float, n: float) -> None:
-    e.p[0] += k * dx
-    e.p[1] += k * dy
-    e.v[0] += m * dx
-    e.v[1] += m * dy
-    e.bias[0] += n * dx
-    e.bias[1] += n * dy
+def _correct_level(e: Any, measured: Measured, dx: float, dy: float) -> None:
+    """Correct the horizontal motion by an innovation north and east, and its covariance. `measured` is from `tracks`."""
+    k, m, n, after = measured
+    set_six(e.flat, after)
+    _shift(e, 0, dx, k, m, n)
+    _shift(e, 1, dy, k, m, n)
+
+
+@compiled
+def _correct_down(e: Any, measured: Measured, dz: float) -> None:
+    """Correct the vertical motion by an innovation, and its covariance. `measured` is from `tracks`."""
+    k, m, n, after = measured
+    set_six(e.steep, after)
+    _shift(e, 2, dz, k, m, n)
+
+
+@compiled
+def _shift(e: Any, axis: int, d: float, k: float, m: float, n: float) -> None:
+    """Correct position, velocity and bias along an axis of N by an innovation d, with these gains."""
+    e.p[axis] += k * d
+    e.v[axis] += m * d
+    e.bias[axis] += n * d
 
 
 # -- time -----------------------------------------------------------------------------------------------------------------------------------
@@ -340,18 +335,18 @@ def _shift(e: Any, dx: float, dy: float, k: float, m: float, n: float) -> None:
 
 @compiled
 def go_on(e: Any, c: Any, drifts: bool, sinks: bool) -> None:
-    """Go on by one step of the autopilot.
+    """Predict the estimate after one step of the autopilot.
 
     Args:
         e, c: of the vehicle.
-        drifts: nothing tells of the horizontal motion, which is then taken to die away rather than integrated from tilt errors.
-        sinks: likewise of the vertical one.
+        drifts: no sensor measures the horizontal motion. It is then assumed to die away, because its integral would consist of errors of tilt.
+        sinks: the same for the vertical motion.
     """
     dt, share = c.dt, 1.0 / e.count if e.count else 0.0
     ax, ay, az = (
         share * e.acceleration[0] + e.bias[0], share * e.acceleration[1] + e.bias[1], share * e.acceleration[2] + e.bias[2],
     )  # fmt: skip
-    set_three(e.acceleration, (0.0, 0.0, 0.0))
+    set_three(e.acceleration, STILL)
     e.count = 0
     if drifts:
         ax, ay = -e.v[0] / COASTING_S, -e.v[1] / COASTING_S
@@ -361,18 +356,15 @@ def go_on(e: Any, c: Any, drifts: bool, sinks: bool) -> None:
         set_six(e.steep, (e.steep[0], 0.0, 0.0, 1.0, 0.0, 0.01))
     h = 0.5 * dt * dt
     e.bottom += fall(e) * dt
-    e.p[0] += e.v[0] * dt + ax * h
-    e.p[1] += e.v[1] * dt + ay * h
-    e.p[2] += e.v[2] * dt + az * h
-    e.v[0] += ax * dt
-    e.v[1] += ay * dt
-    e.v[2] += az * dt
+    for i, a in enumerate((ax, ay, az)):
+        e.p[i] += e.v[i] * dt + a * h
+        e.v[i] += a * dt
     set_six(e.flat, predict(six(e.flat), dt, c.restlessness))
     set_six(e.steep, predict(six(e.steep), dt, c.restlessness))
 
 
 def place_at(e: Estimate, north: float, east: float, down: float | None) -> None:
-    """Correct the dead reckoning: the vehicle is here (m), within half a metre; None where the depth is measured."""
+    """Correct dead reckoning: the vehicle is at this place (m), with a standard deviation of 0.5 m. `down` is None if the depth is measured."""
     e.p = (north, east, e.p[2] if down is None else down)
     e.flat = (0.25, 0.0, 0.0, e.flat[3], e.flat[4], e.flat[5])
     e.refused = 0

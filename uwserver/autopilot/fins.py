@@ -1,22 +1,22 @@
-"""Fins and a propeller as a wrench: fins whose effect grows with the square of the speed, and a shaft whose thrust falls with it."""
+"""Allocation for fins and a propeller. The effect of fins grows with the square of the speed, and the thrust of a propeller decreases with it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from uwserver.autopilot.allocation import FINS, PITCH, ROLL, YAW, controllable, inverse, no_curves, share
+from uwserver.autopilot.allocation import FINS, NO_CURVES, PITCH, ROLL, YAW, Allocation, controllable, inverse, share
 from uwserver.autopilot.rows import DEVICE, FIN, SHAFT_SPEED
 from uwserver.autopilot.state import Six
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled, separate
 
 SLOW_MPS = 0.3
-"""Below this speed fins are taken to work as if at it."""
+"""Below this speed the effect of fins is taken to be that at this speed."""
 
 
 @dataclass(frozen=True)
@@ -29,15 +29,15 @@ class FinEffect:
 
 @dataclass(frozen=True)
 class Shaft:
-    """A propeller: T = rho D^4 n^2 (a - b J), J = U / (n D), with n in revolutions a second.
+    """A propeller: T = rho D^4 n^2 (a - b J), J = U / (n D), with n in revolutions per second. The fields are those of `rows.SHAFT`, in its order.
 
     Attributes:
-        a, b: of the thrust coefficient, straight over J.
-        strength: rho D^4, with the thrust deduction.
+        a, b: the thrust coefficient as a line over J.
+        strength: rho D^4, thrust deduction included.
         advance: 1 - wake fraction.
         diameter: m.
-        astern: thrust astern over that ahead.
-        limit: of its speed, rad/s.
+        astern: thrust astern over thrust ahead.
+        limit: largest speed of the shaft, rad/s.
     """
 
     a: float
@@ -48,14 +48,9 @@ class Shaft:
     astern: float
     limit: float
 
-    def fill(self, row: Any) -> None:
-        """Write it into a SHAFT."""
-        for field in fields(self):
-            row[field.name] = getattr(self, field.name)
-
 
 def shaft_thrust(shaft: Shaft, speed_radps: float, u: float) -> float:
-    """Thrust (N) at a shaft speed (rad/s) and a speed through the water (m/s)."""
+    """Return the thrust (N) at a shaft speed (rad/s) and a speed through the water (m/s)."""
     n = speed_radps / (2.0 * math.pi)
     if n < 0.0:
         return -shaft.astern * shaft.strength * shaft.a * n * n
@@ -63,7 +58,7 @@ def shaft_thrust(shaft: Shaft, speed_radps: float, u: float) -> float:
 
 
 def shaft_speed(shaft: Shaft, thrust: float, u: float) -> float:
-    """The least shaft speed (rad/s) that makes a thrust (N), within the limit."""
+    """Return the least shaft speed (rad/s) that makes a thrust (N) at a speed through the water (m/s), within the limit."""
     n = 0.0
     if thrust < 0.0:
         n = -math.sqrt(-thrust / (shaft.astern * shaft.strength * shaft.a))
@@ -74,48 +69,43 @@ def shaft_speed(shaft: Shaft, thrust: float, u: float) -> float:
 
 
 thrust_at, speed_for = compiled(shaft_thrust), compiled(shaft_speed)
-"""The same for compiled code, of a SHAFT."""
+"""The same for compiled code, for a SHAFT."""
 
 
-class FinsAndShaft:
-    """The actuators of a torpedo. Its `reach` is that at rest ahead, and at 1 m/s of its fins.
+def fin_allocation(fins: Sequence[FinEffect], shaft: Shaft, shafts: int = 1) -> Allocation:
+    """Return the allocation of a torpedo. Its last devices are the shafts. Its `reach` is that of the propeller at rest, and of the fins at 1 m/s.
 
-    Attributes:
-        axes, reach, devices, curves: as of `allocation.Allocation`; the shafts are the last devices.
-        shaft: stands for all of them together, which turn alike.
+    Args:
+        fins: in the order of the devices.
+        shaft: has the strength of all shafts together, which turn at the same speed.
+        shafts: number of shafts.
     """
-
-    means = FINS
-
-    def __init__(self, fins: Sequence[FinEffect], shaft: Shaft, shafts: int = 1) -> None:
-        self.shaft = shaft
-        columns = np.array([fin.column for fin in fins]).T.copy()
-        moments = columns.copy()
-        moments[:3] = 0.0
-        limits = np.array([fin.limit for fin in fins])
-        turning = controllable(moments)
-        self.axes: tuple[int, ...] = (0, *turning)
-        strongest = [float(np.abs(columns[axis]) @ limits) if axis in turning else 0.0 for axis in range(6)]
-        self.reach: Six = (
-            shaft_thrust(shaft, shaft.limit, 0.0), 0.0, 0.0, strongest[ROLL], strongest[PITCH], strongest[YAW],
-        )  # fmt: skip
-        self.devices: Any = np.zeros(len(fins) + shafts, DEVICE)
-        self.devices["kind"] = [FIN] * len(fins) + [SHAFT_SPEED] * shafts
-        rows = self.devices[: len(fins)]
-        rows["into"], rows["column"] = inverse(moments, limits, turning), columns.T
-        rows["low"], rows["high"] = -limits, limits
-        self.curves = no_curves()
+    columns = np.array([fin.column for fin in fins]).T.copy()
+    moments = columns.copy()
+    moments[:3] = 0.0
+    limits = np.array([fin.limit for fin in fins])
+    turning = controllable(moments)
+    strongest = [float(np.abs(columns[axis]) @ limits) if axis in turning else 0.0 for axis in range(6)]
+    thrust = shaft_thrust(shaft, shaft.limit, 0.0)
+    devices: Any = np.zeros(len(fins) + shafts, DEVICE)
+    devices["kind"] = [FIN] * len(fins) + [SHAFT_SPEED] * shafts
+    rows = devices[: len(fins)]
+    rows["into"], rows["column"] = inverse(moments, limits, turning), columns.T
+    rows["low"], rows["high"] = -limits, limits
+    reach = (thrust, 0.0, 0.0, strongest[ROLL], strongest[PITCH], strongest[YAW])
+    return Allocation(FINS, (0, *turning), reach, devices, NO_CURVES)
 
 
 @separate
 def allocate_fins(c: Any, devices: Array, tau: Six, speed: float) -> Six:
-    """Put the commands into `force` of the devices; returns the wrench that they will make. Pitch and roll keep their share before yaw: a torpedo
-    that loses its depth is worse off than one off its line.
+    """Set `force` of the devices for a wrench. Returns the wrench that they will make.
+
+    Pitch and roll come before yaw: for a torpedo it is worse to lose its depth than to leave its line.
 
     Args:
         c: CRAFT.
-        devices: DEVICE rows, first the fins, then the shafts.
-        tau: demanded (6), N and N m in B; what is demanded of axes out of reach is ignored.
+        devices: DEVICE rows, first of the fins, then of the shafts.
+        tau: demanded (6), N and N m in B; axes that are out of reach are ignored.
         speed: surge through the water, m/s.
     """
     pressure = max(speed, SLOW_MPS) ** 2

@@ -1,12 +1,14 @@
-"""One step of one autopilot: estimate, fail-safes, guidance, control, allocation; and what it shows.
+"""One step of one autopilot: estimate, fail-safes, guidance, control and allocation; and the reading of its port `state`.
 
-Compiled code. What is rare is done in Python: the step stops there and says what it needs, and goes on from a later stage when that is done.
+Compiled code. Rare events are handled in Python: the step then stops and returns what it needs, and continues at a later stage when that is done.
 """
 
 from __future__ import annotations
 
 import math
 from typing import Any
+
+import numpy as np
 
 from uwserver.autopilot import modes
 from uwserver.autopilot.allocation import FINS, THRUSTERS, allocate_thrusters, allocate_wrench, command_for
@@ -32,8 +34,8 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled, separate
 
 NOTHING, READY, FAILSAFE, BEGIN, DONE, ARRIVED, PROGRESS = range(7)
-"""What a step needs of Python: the sensors have spoken that it waited for; a fail-safe is due; an item of the mission begins, or is done; a way is
-at its end, or it is time to tell how far it is."""
+"""What a step needs Python for: the sensors that it waited for have come (READY); a fail-safe is due; an item of the mission begins, or is done; the
+vehicle has arrived, or its progress is due."""
 
 START, WATCH, STEER, CONTROL = range(4)
 """Stages of a step."""
@@ -42,8 +44,9 @@ WAYPOINT, HOLD, SPEED, HEADING, COME_UP = range(5)
 """Kinds of items of a mission."""
 
 PROGRESS_S = 0.5
-"""So often is told how far the way is."""
+"""Time between two reports of progress."""
 _TURNED_RAD = 0.05
+"""A turn is done when the heading is off by less than this."""
 _LEAK, _BATTERY = REASONS.index("leak"), REASONS.index("battery")
 _NEEDED = modes.NEEDED
 _known = compiled(modes.known)
@@ -51,15 +54,17 @@ _known = compiled(modes.known)
 
 @separate
 def fly(p: Any, devices: Array, curves: Array, t_ns: int, stage: int) -> int:
-    """Step, or go on with a step; returns what it needs of Python first. Commands stand in `force` of the devices and are `given`, where it has
-    told any.
+    """Make a step, or continue one.
 
     Args:
-        p: PILOT.
+        p: PILOT; `gives` of its CRAFT becomes 1 if the step makes new commands, which are then in `force` of the devices.
         devices: its DEVICE rows.
         curves: of all devices.
         t_ns: simulation time.
-        stage: from which on.
+        stage: at which the step begins or continues.
+
+    Returns:
+        What it needs Python for before it continues, or NOTHING at the end.
     """
     e, o, c = p.e, p.o, p.c
     now = _known(e, o.gains, t_ns)
@@ -88,7 +93,7 @@ def fly(p: Any, devices: Array, curves: Array, t_ns: int, stage: int) -> int:
 
 @compiled
 def _lacks(mode: int, now: Any) -> bool:
-    """Whether a mode cannot work."""
+    """Return whether a mode lacks something that it needs."""
     for need, there in zip(_NEEDED[mode], now):  # noqa: B905, SIM110 - compiled code knows neither `strict` nor `any`
         if need and not there:
             return True
@@ -97,7 +102,7 @@ def _lacks(mode: int, now: Any) -> bool:
 
 @compiled
 def _is_in_trouble(e: Any, o: Any, now: Any) -> bool:
-    """Whether a fail-safe is due."""
+    """Return whether a fail-safe is due."""
     reason = o.failsafe
     leaks = e.leak != 0 and reason != _LEAK
     runs_down = e.charge < o.gains.battery_low and reason not in (_LEAK, _BATTERY)
@@ -107,7 +112,7 @@ def _is_in_trouble(e: Any, o: Any, now: Any) -> bool:
 
 @compiled
 def _look_ahead(e: Any, o: Any, c: Any) -> int:
-    """Whether an item of the mission, or a way, begins or ends."""
+    """Return whether an item of the mission begins or ends, or a `goto` has arrived or is to report its progress."""
     if o.mode == MISSION:
         if o.index < 0:
             return NOTHING
@@ -124,7 +129,7 @@ def _look_ahead(e: Any, o: Any, c: Any) -> int:
 
 @compiled
 def _distance(e: Any, o: Any, c: Any) -> float:
-    """To the place, m. Depth counts, but of a torpedo over a bottom that goes up and down under it."""
+    """Return the distance to the place, m. The depth counts, except for a torpedo at a commanded altitude, whose depth varies with the bottom."""
     x, y, z = o.place[0] - e.p[0], o.place[1] - e.p[1], o.place[2] - e.p[2]
     if c.torpedo != 0 and goes_at_altitude(o):
         z = 0.0
@@ -133,7 +138,7 @@ def _distance(e: Any, o: Any, c: Any) -> float:
 
 @compiled
 def _is_done(e: Any, o: Any, c: Any) -> bool:
-    """Whether the item under way is done."""
+    """Return whether the present item of the mission is done."""
     if c.item == WAYPOINT:
         if o.waited == 0.0 and _distance(e, o, c) > o.radius:
             return False
@@ -152,7 +157,7 @@ def _is_done(e: Any, o: Any, c: Any) -> bool:
 
 @compiled
 def _control(p: Any, devices: Array, curves: Array, now: Any) -> None:
-    """From orders to commands."""
+    """Make the commands of the devices from the orders."""
     e, m, o, c = p.e, p.m, p.o, p.c
     if c.torpedo != 0:
         tau = torpedo(e, m, o, c, now)
@@ -174,31 +179,33 @@ def _control(p: Any, devices: Array, curves: Array, now: Any) -> None:
 
 
 @compiled
-def show(p: Any, t_ns: int, out: Array) -> None:
-    """Write what a PILOT believes and wants.
+def tell(p: Any, devices: Array, t_ns: int, out: Array) -> int:
+    """Write the reading of the port `state` (`status`).
 
     Args:
         p: PILOT.
+        devices: its DEVICE rows.
         t_ns: simulation time.
-        out: (SHOWN) receives position, velocity, attitude, rates; depth and altitude, nan where unknown; place, depth and heading that are held,
-            nan where the mode holds none; the demanded wrench; mode, whether it is armed, position and velocity are known; item under way, items
-            done; reason of the fail-safe.
+        out: (32 + number of devices) receives the numbers of all fields, packed by `modifiers.columns`. Set points that the mode does not hold are
+            nan, and so is an unknown depth or altitude.
+
+    Returns:
+        The number of its texts (`status.TEXTS`): mode times the number of REASONS, plus the reason of the fail-safe.
     """
-    e, o = p.e, p.o
+    e, o, whole = p.e, p.o, out.view(np.int64)
     now = _known(e, o.gains, t_ns)
     mode, holds_attitude = o.mode, o.attitude[0] == o.attitude[0]
-    out[0:3], out[3:6], out[6:10], out[10:13] = e.p, e.v, e.q, e.w
-    out[13] = e.p[2] if now.depth else NAN
-    out[14] = e.bottom - e.p[2] if now.altitude else NAN
+    out[0], out[1:4], out[4], out[5:8] = o.armed, e.p, now.position, e.v
+    out[8], out[9:13], out[13:16] = now.velocity, e.q, e.w
+    out[16] = e.p[2] if now.depth else NAN
+    out[17] = e.bottom - e.p[2] if now.altitude else NAN
     holds_place = mode in (POSITION_HOLD, GUIDED, MISSION) and o.frame == NO_FRAME and not holds_attitude
     for i in range(3):
-        out[15 + i] = o.place[i] if holds_place else NAN
-    out[18] = NAN if mode in (MANUAL, ACRO, STABILISE, HEADING_HOLD) else o.depth
-    out[19] = NAN if mode in (MANUAL, ACRO) or holds_attitude else o.heading
-    out[20:26] = p.m.tau
-    out[26], out[27], out[28], out[29] = mode, o.armed, now.position, now.velocity
-    out[30], out[31], out[32] = o.index, o.reached, o.failsafe
-
-
-SHOWN = 33
-"""Numbers that `show` writes."""
+        out[18 + i] = o.place[i] if holds_place else NAN
+    out[21] = NAN if mode in (MANUAL, ACRO, STABILISE, HEADING_HOLD) else o.depth
+    out[22] = NAN if mode in (MANUAL, ACRO) or holds_attitude else o.heading
+    whole[23], whole[24], whole[25] = o.index, p.c.items, o.reached
+    out[26:32] = p.m.tau
+    for n in range(len(devices)):
+        out[32 + n] = devices[n].part
+    return int(mode * len(REASONS) + o.failsafe)

@@ -1,7 +1,7 @@
 """Gains, limits and time-outs of the built-in autopilot.
 
-Gains of loops on accelerations are per unit of inertia, so that one set fits vehicles of any size: the controller multiplies with the vehicle's own
-inertia, added mass included.
+Loops whose output is an acceleration have gains per unit of inertia, so that one set of gains fits vehicles of any size. The controller multiplies
+with the inertia of the vehicle, added mass included.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ Gain = Annotated[float, Meta(ge=0, le=1000)]
 
 
 class Gains(Table, kw_only=True, frozen=True, omit_defaults=False):
-    """What the controllers work with. All can be read and changed while the autopilot runs. Encoded whole, as equal gains must give equal states.
+    """Gains, limits and time-outs of the controllers. All can be read and changed while the autopilot runs.
 
     Attributes:
         rate_p, rate_i: roll and pitch rate to angular acceleration, 1/s and 1/s2.
@@ -24,31 +24,33 @@ class Gains(Table, kw_only=True, frozen=True, omit_defaults=False):
         yaw_rate_p, yaw_rate_i: yaw rate to angular acceleration, 1/s and 1/s2.
         heading_p: heading to yaw rate, 1/s.
         climb_p, climb_i: vertical speed to acceleration, 1/s and 1/s2.
-        depth_p: depth to vertical speed, 1/s. A torpedo: depth error to its path's slope, rad/m.
+        depth_p: depth to vertical speed, 1/s. Torpedo: depth error to the slope of its path, rad/m.
         velocity_p, velocity_i: horizontal speed to acceleration, 1/s and 1/s2.
         position_p: horizontal position to speed, 1/s.
-        unwind: how fast an integral gives way to an actuator at its limit, 1/s.
-        look_ahead_m: distance of the point on its line that a torpedo steers at.
+        unwind: how fast an integral decreases while an actuator is at its limit, 1/s.
+        look_ahead_m: a torpedo steers at a point on its line, this far ahead.
         orbit_m: radius of the circle on which a torpedo holds a position.
         stick: part of the actuators' power that a full stick commands where it acts on forces.
-        max_tilt_rad: roll and pitch at full stick, and a torpedo's steepest path.
-        max_rate_radps: roll and pitch rate, at most and at full stick.
-        max_yaw_rate_radps: at most and at full stick.
-        max_climb_mps: vertical speed, at most and at full stick.
-        max_speed_mps: horizontal speed, at most and at full stick.
-        cruise_mps: speed on the way to a place, where nothing else is said.
+        max_tilt_rad: roll and pitch at full stick, and the steepest path of a torpedo.
+        max_rate_radps: largest roll and pitch rate, and that of a full stick.
+        max_yaw_rate_radps: largest yaw rate, and that of a full stick.
+        max_climb_mps: largest vertical speed, and that of a full stick.
+        max_speed_mps: largest horizontal speed, and that of a full stick.
+        cruise_mps: speed on the way to a place, if no other is given.
         surface_mps: vertical speed on the way to the surface.
-        min_altitude_m: on a way at an altitude it keeps at least so far above the bottom.
-        max_depth_m: on a way at an altitude it goes no deeper.
-        max_rise_rad: steepest path of a torpedo, up from a bottom that rises.
-        shaft_per_speed: a torpedo's shaft speed over its speed while it cannot measure the latter, rad/m.
-        attitude_timeout_s: without a valid sample for so long the attitude is lost; likewise the others.
-        depth_timeout_s: of the depth.
-        velocity_timeout_s: of the velocity over ground.
-        position_timeout_s: of a position from outside, while the velocity is lost.
-        altitude_timeout_s: of the altitude.
+        min_altitude_m: a vehicle that goes at an altitude stays at least this far above the bottom.
+        max_depth_m: a vehicle that goes at an altitude goes no deeper than this.
+        max_rise_rad: steepest path of a torpedo upwards, over a rising bottom.
+        shaft_per_speed: shaft speed of a torpedo over its speed, used while it cannot measure its speed, rad/m.
+        attitude_timeout_s: the attitude is lost after this time without a valid sample.
+        depth_timeout_s: the same for the depth.
+        velocity_timeout_s: the same for the velocity over ground.
+        position_timeout_s: the same for a position fix, while the velocity is lost.
+        altitude_timeout_s: the same for the altitude.
         battery_low: charge (part of the capacity) at which the vehicle surfaces.
     """
+
+    # Encoded with its defaults (`omit_defaults=False`): equal gains must give equal saved states.
 
     rate_p: Gain = 6.0
     rate_i: Gain = 3.0

@@ -1,12 +1,11 @@
 """Control of a vehicle that can hover: cascades from position to velocity to force, and from attitude to rate to moment.
 
-Compiled code: `e` is the ESTIMATE of a vehicle, `m` its MEMORY, `o` its ORDERS, `c` its CRAFT, `now` what is `known`.
+Compiled code. In all functions `e` is the ESTIMATE of a vehicle, `m` its MEMORY, `o` its ORDERS, `c` its CRAFT, and `now` is from `modes.known`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 from uwserver.autopilot.rows import (
@@ -31,7 +30,7 @@ from uwserver.autopilot.rows import (
     set_three,
     three,
 )
-from uwserver.autopilot.state import NAN, Six
+from uwserver.autopilot.state import NAN, NOWHERE, STILL, Six
 from uwserver.autopilot.sticks import (
     CENTRED,
     at_most,
@@ -47,51 +46,29 @@ from uwserver.frames import Quat, Vec3
 from uwserver.physics.kernel.deferred import compiled, separate
 
 _RISE = 0.4
-"""Part of the power upwards that brings a vehicle up which does not know its depth."""
-_LEANING_RAD, _LEANT_RAD = 0.2, 0.6
-"""A vehicle that cannot hold its tilt slows down from the first on, to a crawl at the second: heave and surge together lean it over."""
-_CRAWL = 0.15
+"""Part of the full upward force that brings a vehicle to the surface if it does not know its depth."""
+_LEANING_RAD, _LEANT_RAD, _CRAWL = 0.2, 0.6, 0.15
+"""A vehicle that cannot control its tilt slows down from the first tilt on, and keeps the third part of its speed at the second tilt: heave and surge
+together would turn it over."""
 _SIDEWAYS = 0.7
-"""Part of its speed with which a vehicle goes back to its line at most; the rest is for the way along it."""
+"""Largest part of its speed with which a vehicle returns to its line; the rest is for the way along the line."""
 _UNTURNED_RAD, _UNTURNED = 0.8, 0.3
-"""A vehicle that looks where it goes goes with this part of its speed while it has farther to turn."""
+"""A vehicle that goes bow first reduces its speed to this part while its heading is farther off than this angle."""
 _FOLLOWING = 0.7
-"""Part of its climb with which a vehicle follows a rising bottom: where that is steeper it goes slower."""
+"""Part of its largest vertical speed with which a vehicle follows a rising bottom. Over a steeper bottom it goes slower."""
 _NEAR, _TOO_NEAR, _WAITING = 0.75, 0.25, 0.05
-"""Nearer to the bottom than the first part of its altitude it slows down, at the second to a standstill but for the third of its speed, to rise."""
+"""A vehicle slows down if its altitude is less than the first part of the wanted one. At the second part only the third part of its speed is left, so
+that it rises."""
 _FORGET_S = 5.0
-"""Time constant with which a learnt current is forgotten while nobody holds against it, s."""
+"""Time constant with which the learnt horizontal force decays while the sticks act on forces, s."""
 _SHORT_M = 0.5
-"""Places nearer together than this have no line: the vehicle goes there straight."""
-_STILL: Vec3 = (0.0, 0.0, 0.0)
-_FREE: Vec3 = (NAN, NAN, NAN)
+"""If start and place are nearer together than this, there is no line: the vehicle goes straight to the place."""
 _NO_ATTITUDE: Quat = (NAN, NAN, NAN, NAN)
-
-
-@dataclass(frozen=True)
-class Hover:
-    """What the cascades know of one vehicle.
-
-    Attributes:
-        inertia: with added mass, kg and kg m2, of each axis.
-        linear, quadratic: damping of each axis, N s/m and N s2/m2.
-        reach: largest wrench of each axis, N and N m.
-    """
-
-    inertia: Six
-    linear: Six
-    quadratic: Six
-    reach: Six
-
-    def fill(self, craft: Any) -> None:
-        """Write it into a CRAFT."""
-        craft["torpedo"], craft["inertia"], craft["reach"] = 0, self.inertia, self.reach
-        craft["linear"], craft["quadratic"] = self.linear, self.quadratic
 
 
 @compiled
 def hover(e: Any, m: Any, o: Any, c: Any, now: Any) -> Six:
-    """The wrench (B) that carries out the orders; moves set points by the sticks."""
+    """Return the wrench (in B) that carries out the orders. Moves the set points by the sticks."""
     force, moment, v, q, rates = _wish(e, o, c, now)
     _unwind(e, m, o, c)
     fx, fy, fz = _force(e, m, o, c, force, v)
@@ -99,21 +76,25 @@ def hover(e: Any, m: Any, o: Any, c: Any, now: Any) -> Six:
     return fx, fy, fz, tx, ty, tz
 
 
-# -- what is wanted -------------------------------------------------------------------------------------------------------------------------
+# -- demands of the outer loops -------------------------------------------------------------------------------------------------------------
 
 
 @separate
 def _wish(e: Any, o: Any, c: Any, now: Any) -> tuple[Vec3, Vec3, Vec3, Quat, Vec3]:
-    """What the outer loops want: force (N) and moment (N m) in B from the sticks; velocity in N, nan where the sticks act on forces (x and y go
-    together); attitude, nan for none; rates beside it or alone in B, nan for none."""
+    """Return what the outer loops demand.
+
+    Returns:
+        Force (N) in B from the sticks; moment (N m) in B from the sticks; velocity in N, nan where the sticks act on forces (x and y together);
+        attitude, nan if there is none; rates in B, which add to those of the attitude loop, nan if there are none.
+    """
     g, mode, s, r = o.gains, o.mode, o.stick, c.reach
     k = g.stick
     fx, fy, fz = s[0] * r[0] * k, s[1] * r[1] * k, s[2] * r[2] * k
     if mode == MANUAL:
-        return (fx, fy, fz), (s[3] * r[3] * k, s[4] * r[4] * k, s[5] * r[5] * k), _FREE, _NO_ATTITUDE, _FREE
+        return (fx, fy, fz), (s[3] * r[3] * k, s[4] * r[4] * k, s[5] * r[5] * k), NOWHERE, _NO_ATTITUDE, NOWHERE
     if mode == ACRO:
         rates = (s[3] * g.max_rate_radps, s[4] * g.max_rate_radps, s[5] * g.max_yaw_rate_radps)
-        return (fx, fy, fz), _STILL, _FREE, _NO_ATTITUDE, rates
+        return (fx, fy, fz), STILL, NOWHERE, _NO_ATTITUDE, rates
     slow = _caution(e, c)
     vx, vy, vz = _wanted(e, o, c, now)
     vx, vy, vz = slow * vx, slow * vy, slow * vz
@@ -124,20 +105,20 @@ def _wish(e: Any, o: Any, c: Any, now: Any) -> tuple[Vec3, Vec3, Vec3, Quat, Vec
         if vx == vx:
             fx = fy = 0.0
     if o.attitude[0] == o.attitude[0]:
-        return (fx, fy, fz), _STILL, (vx, vy, vz), four(o.attitude), _STILL
+        return (fx, fy, fz), STILL, (vx, vy, vz), four(o.attitude), STILL
     turn = move_heading(o, e, c.dt)
-    # Where nothing can be done about a tilt it must not be seen as an error of heading either.
+    # On an axis that cannot be controlled the present tilt is demanded, so that it does not count as an error, of heading either.
     roll, pitch, _ = rpy_from_quat(four(e.q))
     if c.axes[3] != 0:
         roll = s[3] * g.max_tilt_rad
     if c.axes[4] != 0:
         pitch = s[4] * g.max_tilt_rad
-    return (fx, fy, fz), _STILL, (vx, vy, vz), quat_from_rpy(roll, pitch, o.heading), (0.0, 0.0, turn)
+    return (fx, fy, fz), STILL, (vx, vy, vz), quat_from_rpy(roll, pitch, o.heading), (0.0, 0.0, turn)
 
 
 @compiled
 def _caution(e: Any, c: Any) -> float:
-    """By how much to slow down because of a tilt that nothing holds."""
+    """Return the factor of speed for a vehicle that cannot control its tilt: 1 when it is upright, less when it leans."""
     if _holds_tilt(c):
         return 1.0
     up = rotate(conjugate(four(e.q)), (0.0, 0.0, 1.0))
@@ -152,14 +133,14 @@ def _holds_tilt(c: Any) -> bool:
 
 @compiled
 def _wanted(e: Any, o: Any, c: Any, now: Any) -> Vec3:
-    """Velocity in N, m/s; nan where the sticks act on forces."""
+    """Return the demanded velocity in N, m/s; nan where the sticks act on forces."""
     free = o.frame == NO_FRAME and o.attitude[0] != o.attitude[0]
     goes = (o.mode == GUIDED or o.mode == MISSION) and now.position and free
     if goes and max(abs(o.stick[0]), abs(o.stick[1]), abs(o.stick[2])) <= CENTRED:
         a, b, at_altitude = o.origin, o.place, goes_at_altitude(o)
         ux, uy, uz = b[0] - a[0], b[1] - a[1], 0.0 if at_altitude else b[2] - a[2]
         length = math.sqrt(ux * ux + uy * uy + uz * uz)
-        # There is no line where nothing began, or another depth was told on the way.
+        # There is no line without an origin (nan), or after another depth was commanded on the way.
         if length > _SHORT_M and o.depth == b[2]:
             vx, vy, vz = _follow(e, o, c, now, (ux / length, uy / length, uz / length))
             return vx, vy, _climb(e, o, c, now) if at_altitude else vz
@@ -169,7 +150,10 @@ def _wanted(e: Any, o: Any, c: Any, now: Any) -> Vec3:
 
 @compiled
 def _follow(e: Any, o: Any, c: Any, now: Any, towards: Vec3) -> Vec3:
-    """Along the line to the place, and back to it: straight to the place a current would carry it on an arc, and each corner would be cut."""
+    """Return the velocity along the line to the place, and back to the line.
+
+    If the vehicle steered straight at the place, a current would make its path an arc, and it would cut corners.
+    """
     g, (ux, uy, uz) = o.gains, towards
     dx, dy, dz = o.place[0] - e.p[0], o.place[1] - e.p[1], o.place[2] - e.p[2]
     left = dx * ux + dy * uy + dz * uz  # along the line; negative past the place
@@ -179,20 +163,37 @@ def _follow(e: Any, o: Any, c: Any, now: Any, towards: Vec3) -> Vec3:
     share = g.position_p * (min(1.0, _SIDEWAYS * speed / back) if back > 0.0 else 1.0)
     back = min(back, _SIDEWAYS * speed)
     along = math.sqrt(speed * speed - back * back)
-    if (o.looks != 0 or c.axes[1] == 0) and math.hypot(ux, uy) * left > 2.0 * o.radius:
-        # Without a thruster to the side the bow alone brings it back to the line.
-        x, y = (0.0, 0.0) if c.axes[1] != 0 else (share * bx, share * by)
-        o.heading = math.atan2(along * uy + y, along * ux + x)
-        if abs(within(o.heading - heading_of(e))) > _UNTURNED_RAD:
-            along *= _UNTURNED
+    # Without sideways thrust only the heading brings it back to the line.
+    x, y = (0.0, 0.0) if c.axes[1] != 0 else (share * bx, share * by)
+    along *= _point_bow(e, o, c, math.hypot(ux, uy) * left, along * ux + x, along * uy + y)
     along = at_most(g.position_p * left, min(along, g.max_climb_mps / max(abs(uz), 1e-9)))
     climb = at_most(uz * along + g.depth_p * bz, g.max_climb_mps)
     return along * ux + share * bx, along * uy + share * by, climb
 
 
 @compiled
+def _point_bow(e: Any, o: Any, c: Any, away: float, north: float, east: float) -> float:
+    """Point the bow in a direction, if the vehicle goes bow first and is not near its place yet.
+
+    Args:
+        e, o, c: of the vehicle.
+        away: horizontal distance of the place, m.
+        north, east: the direction, of any length.
+
+    Returns:
+        A factor of the speed: less than 1 while the vehicle turns, because vehicles are made to go ahead.
+    """
+    # Without sideways thrust it can only go bow first, whatever heading was commanded.
+    if (o.looks != 0 or c.axes[1] == 0) and away > 2.0 * o.radius:
+        o.heading = math.atan2(east, north)
+        if abs(within(o.heading - heading_of(e))) > _UNTURNED_RAD:
+            return _UNTURNED
+    return 1.0
+
+
+@compiled
 def _unhurried(e: Any, o: Any, now: Any, ux: float, uy: float) -> float:
-    """Speed on the way in a direction (unit, N), m/s: as told, but no faster than the vehicle can climb with the bottom."""
+    """Return the speed in a direction (unit vector, N), m/s: that of the orders, or less where the bottom rises faster than the vehicle can climb."""
     g = o.gains
     speed = g.max_speed_mps if o.speed != o.speed else o.speed
     if not (goes_at_altitude(o) and now.altitude):
@@ -205,14 +206,14 @@ def _unhurried(e: Any, o: Any, now: Any, ux: float, uy: float) -> float:
 
 @compiled
 def _climb(e: Any, o: Any, c: Any, now: Any) -> float:
-    """Vertical speed, m/s down; nan where the stick acts on the force."""
+    """Return the demanded vertical speed, m/s down; nan where the stick acts on the force."""
     g, mode, holds_attitude = o.gains, o.mode, o.attitude[0] == o.attitude[0]
     if mode in (STABILISE, HEADING_HOLD) or not now.depth:
         return NAN
     fast = g.surface_mps if mode == SURFACE else g.max_climb_mps
     if holds_attitude:
         wanted = at_most(o.heave, 1.0) * g.max_climb_mps
-    elif o.frame == IN_N or o.frame == IN_B:  # B counts as level: down is the same
+    elif o.frame == IN_N or o.frame == IN_B:  # B is taken as level, so down is the same in both
         wanted = o.velocity[2]
     else:
         wanted = move_depth(o, e, now.altitude, c.dt)
@@ -223,11 +224,15 @@ def _climb(e: Any, o: Any, c: Any, now: Any) -> float:
 
 @compiled
 def _drive(e: Any, o: Any, c: Any, now: Any) -> tuple[float, float]:
-    """Velocity north and east, m/s; nan where the sticks act on forces."""
+    """Return the demanded velocity north and east, m/s; nan where the sticks act on forces."""
     g, mode = o.gains, o.mode
     if mode == VELOCITY or (mode == GUIDED and o.frame != NO_FRAME):
-        vx, vy = _velocity(e, o)
-        return vx, vy
+        v = three(o.velocity) if o.frame != NO_FRAME else STILL
+        if o.frame != IN_N:
+            # The sticks add to a velocity in B, which is taken as level.
+            surge, sway = o.stick[0] * g.max_speed_mps, o.stick[1] * g.max_speed_mps
+            v = rotate(quat_from_rpy(0.0, 0.0, heading_of(e)), (v[0] + surge, v[1] + sway, 0.0))
+        return v[0], v[1]
     holds_place = mode in (POSITION_HOLD, GUIDED, MISSION)
     if not holds_place or not now.position or o.attitude[0] == o.attitude[0]:
         return NAN, NAN
@@ -235,32 +240,18 @@ def _drive(e: Any, o: Any, c: Any, now: Any) -> tuple[float, float]:
     dx, dy = o.place[0] - e.p[0], o.place[1] - e.p[1]
     distance = math.hypot(dx, dy)
     speed = _unhurried(e, o, now, dx / max(distance, 1e-9), dy / max(distance, 1e-9))
-    # Without a thruster to the side it gets to a place only bow first, whatever heading was asked for.
-    if (o.looks != 0 or c.axes[1] == 0) and distance > 2.0 * o.radius:
-        o.heading = math.atan2(dy, dx)
-        # Not yet turned there: go slowly, as the vehicle is made to go ahead.
-        if abs(within(o.heading - heading_of(e))) > _UNTURNED_RAD:
-            speed *= _UNTURNED
+    speed *= _point_bow(e, o, c, distance, dx, dy)
     fast = min(speed, g.position_p * distance)
     scale = fast / distance if distance > 1e-9 else 0.0
     return vx + scale * dx, vy + scale * dy
 
 
-@compiled
-def _velocity(e: Any, o: Any) -> tuple[float, float]:
-    v = three(o.velocity) if o.frame != NO_FRAME else _STILL
-    if o.frame != IN_N:
-        surge, sway = o.stick[0] * o.gains.max_speed_mps, o.stick[1] * o.gains.max_speed_mps
-        v = rotate(quat_from_rpy(0.0, 0.0, heading_of(e)), (v[0] + surge, v[1] + sway, 0.0))
-    return v[0], v[1]
-
-
-# -- how it is done -------------------------------------------------------------------------------------------------------------------------
+# -- force and moment -----------------------------------------------------------------------------------------------------------------------
 
 
 @compiled
 def _unwind(e: Any, m: Any, o: Any, c: Any) -> None:
-    """What the actuators could not give must not be asked for by the integrals: they give way."""
+    """Reduce the integrals by the part of the last wrench that the actuators could not make (anti-windup)."""
     k, lack, i = o.gains.unwind * c.dt, m.lack, c.inertia
     back = rotate(four(e.q), (k * lack[0] / i[0], k * lack[1] / i[1], k * lack[2] / i[2]))
     for n in range(3):
@@ -270,6 +261,7 @@ def _unwind(e: Any, m: Any, o: Any, c: Any) -> None:
 
 @compiled
 def _force(e: Any, m: Any, o: Any, c: Any, force: Vec3, v: Vec3) -> Vec3:
+    """Return the force in B (N) for a velocity in N (m/s, nan for none), plus a force of the sticks."""
     g, dt, (vx, vy, vz), (px, py, pz) = o.gains, c.dt, v, three(m.push)
     ax = ay = az = 0.0
     if vx == vx:
@@ -286,10 +278,10 @@ def _force(e: Any, m: Any, o: Any, c: Any, force: Vec3, v: Vec3) -> Vec3:
     else:
         vz = 0.0
     set_three(m.push, (px, py, pz))
-    # A vehicle that cannot choose its tilt would drive one axis by another's tilt, and tilt by that the more.
+    # A vehicle that cannot control its tilt is taken as level. Otherwise a tilt would mix its axes, and this would increase the tilt.
     back = conjugate(four(e.q) if _holds_tilt(c) else quat_from_rpy(0.0, 0.0, heading_of(e)))
     a = rotate(back, (ax, ay, az))
-    # What the water takes at the wanted speed: the integrals need not learn it on the way, and forget it at the end.
+    # Damping at the wanted speed is fed forward: so the integrals need not learn it on the way, and unlearn it at the end.
     u = rotate(back, (vx, vy, vz))
     i, linear, square = c.inertia, c.linear, c.quadratic
     return (
@@ -301,10 +293,11 @@ def _force(e: Any, m: Any, o: Any, c: Any, force: Vec3, v: Vec3) -> Vec3:
 
 @compiled
 def _moment(e: Any, m: Any, o: Any, c: Any, moment: Vec3, wanted: Quat, rates: Vec3) -> Vec3:
+    """Return the moment in B (N m) for an attitude (nan for none) and rates (rad/s); `moment`, that of the sticks, if there are no rates."""
     g, dt, i, k = o.gains, c.dt, c.inertia, m.twist
     x, y, z = rates
     if x != x:
-        set_three(k, _STILL)
+        set_three(k, STILL)
         return moment
     if wanted[0] == wanted[0]:
         q = multiply(conjugate(four(e.q)), wanted)

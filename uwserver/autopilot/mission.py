@@ -13,7 +13,7 @@ from msgspec import Meta, Struct
 from uwserver.ports import Json, Refused
 
 MAX_ITEMS = 700
-"""As many as ArduPilot keeps on its usual boards; the message that brings them stays below what one may cost."""
+"""As many as ArduPilot stores on its usual boards. A longer mission would also make a message that takes too long to read."""
 Coordinate = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Seconds = Annotated[float, Meta(ge=0, le=1e6)]
 Speed = Annotated[float, Meta(gt=0, le=20)]
@@ -26,9 +26,10 @@ class _Item(Struct, tag_field="kind", frozen=True, forbid_unknown_fields=True, o
 
 
 class Waypoint(_Item, tag="waypoint", frozen=True):
-    """Go there, within `radius_m` (default: what the vehicle can do), then stay for `hold_s`. Without `heading_deg` it looks where it goes.
+    """Go to a place, to within `radius_m` (default: what the vehicle can do), then stay for `hold_s`. Without `heading_deg` the bow points where the
+    vehicle goes.
 
-    The place is `position_ned_m`, whose third number is its depth; or `position_ne_m` with exactly one of `depth_m` and `altitude_m` (above the
+    The place is `position_ned_m`, whose third number is the depth; or `position_ne_m` with exactly one of `depth_m` and `altitude_m` (above the
     bottom, also on the way there).
     """
 
@@ -42,7 +43,7 @@ class Waypoint(_Item, tag="waypoint", frozen=True):
     hold_s: Seconds = 0.0
 
     def __post_init__(self) -> None:
-        """ValueError where the keys of its place do not go together."""
+        """Raise ValueError if the keys of the place do not fit together."""
         if self.position_ned_m is not None:
             for key in ("position_ne_m", "depth_m", "altitude_m"):
                 if getattr(self, key) is not None:
@@ -55,7 +56,7 @@ class Waypoint(_Item, tag="waypoint", frozen=True):
 
     @property
     def place(self) -> tuple[float, float, float | None]:
-        """North, east and depth (m); None for the depth where `altitude_m` says it."""
+        """North, east and depth (m); the depth is None if `altitude_m` is given."""
         if self.position_ned_m is not None:
             return self.position_ned_m
         assert self.position_ne_m is not None
@@ -72,41 +73,40 @@ class Hold(_Item, tag="hold", frozen=True):
 
 
 class SetSpeed(_Item, tag="speed", frozen=True):
-    """Speed of all waypoints from here on that name none."""
+    """Set the speed for all later waypoints that have none."""
 
     speed_mps: Speed
 
 
 class SetHeading(_Item, tag="heading", frozen=True):
-    """Turn there, and keep it on the way to waypoints that name none."""
+    """Turn to a heading, and keep it on the way to later waypoints that have none."""
 
     heading_deg: Degrees
 
 
 class Surface(_Item, tag="surface", frozen=True):
-    """Come up."""
+    """Come to the surface."""
 
 
 Item = Waypoint | Hold | SetSpeed | SetHeading | Surface
 _INDEX = re.compile(r"\$\[(\d+)\]")
-"""Where msgspec says that a list is wrong."""
+"""The place in a list that an error of msgspec names."""
 _KEYS = {str(item.__struct_config__.tag): item.__struct_fields__ for item in get_args(Item)}
 
 
 def read_items(raw: Json) -> tuple[Item, ...]:
-    """The items of a mission.
+    """Return the items of a mission.
 
     Raises:
-        Refused: `items` is no list, too long, or an item has a fault; the text names its number and key.
+        Refused: `items` is not a list or is too long, or an item is wrong; the text names its number and key.
     """
     if not isinstance(raw, list):
         raise Refused("bad_argument", 'items must be a list of objects like {"kind": "waypoint", ...}', "items")
     if len(raw) > MAX_ITEMS:
         raise Refused("out_of_range", f"a mission has at most {MAX_ITEMS} items, not {len(raw)}", "items")
     try:
-        return msgspec.convert(
-            raw, tuple[Item, ...]
-        )  # all at once: one by one, a long mission takes longer than a tick
+        # All in one call: one by one, the items of a long mission would take longer than a tick.
+        return msgspec.convert(raw, tuple[Item, ...])
     except (msgspec.ValidationError, RecursionError) as error:
         at = _INDEX.search(str(error))
         first = int(at[1]) if at else 0
@@ -114,20 +114,21 @@ def read_items(raw: Json) -> tuple[Item, ...]:
 
 
 def _read_item(k: int, raw: Json) -> Item:
+    """Return item k. Its errors are better than those of `read_items`: they name what is allowed."""
     if isinstance(raw, dict):
         for key, value in raw.items():
-            for number in value if isinstance(value, list) else [value]:
-                if isinstance(number, float) and not math.isfinite(number):
-                    raise Refused("not_finite", f"item {k}: {str(key)[:80]} is no finite number", f"items[{k}]")
-        kind = raw.get("kind")
+            numbers = value if isinstance(value, list) else [value]
+            if any(isinstance(number, float) and not math.isfinite(number) for number in numbers):
+                raise Refused("not_finite", f"item {k}: {str(key)[:80]} is no finite number", f"items[{k}]")
+        kind, text = raw.get("kind"), ""
         if isinstance(kind, str) and kind in _KEYS:
-            for key in raw:
-                if key != "kind" and key not in _KEYS[kind]:
-                    takes = ", ".join(_KEYS[kind]) or "none"
-                    text = f'item {k}: a {kind} has no key "{str(key)[:80]}"; it takes: {takes}'
-                    raise Refused("bad_argument", text, f"items[{k}]")
+            unknown = [str(key) for key in raw if key not in ("kind", *_KEYS[kind])]
+            if unknown:
+                takes = ", ".join(_KEYS[kind]) or "none"
+                text = f'item {k}: a {kind} has no key "{unknown[0][:80]}"; it takes: {takes}'
         elif "kind" in raw:
             text = f'item {k}: unknown kind "{str(kind)[:80]}"; there are: {", ".join(_KEYS)}'
+        if text:
             raise Refused("bad_argument", text, f"items[{k}]")
     try:
         return cast(Item, msgspec.convert(raw, Item))
@@ -137,10 +138,10 @@ def _read_item(k: int, raw: Json) -> Item:
 
 
 def read_place(given: Mapping[str, Json]) -> Waypoint:
-    """Where to go, as the arguments of a call say it: those of a waypoint that are not None.
+    """Return the place that the arguments of a call give; they are keys of a waypoint, or None.
 
     Raises:
-        Refused: they do not go together; the text names the key.
+        Refused: they do not fit together; the text names the key.
     """
     try:
         return msgspec.convert({"kind": "waypoint", **{k: v for k, v in given.items() if v is not None}}, Waypoint)
@@ -149,5 +150,5 @@ def read_place(given: Mapping[str, Json]) -> Waypoint:
 
 
 def shown_items(items: tuple[Item, ...]) -> Json:
-    """The items as a client gave them; what stands at its default is left out."""
+    """Return the items as a client gave them, without the keys that have their defaults."""
     return cast(Json, msgspec.json.decode(msgspec.json.encode(items)))

@@ -1,4 +1,4 @@
-"""What each mode needs to know, where it falls back to, and which commands it follows."""
+"""The modes: what each must know of the vehicle, its fallback, and which commands it follows."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from uwserver.autopilot.state import Estimate, Mode
 from uwserver.units import NANOSECONDS
 
 CERTAIN_MPS = 0.3
-"""A velocity from positions alone counts where its standard deviation is less."""
+"""Without a DVL the velocity counts as known if its standard deviation is less than this."""
 
 NEEDS: Mapping[Mode, tuple[str, ...]] = {
     "manual": (),
@@ -49,7 +49,7 @@ FOLLOWS: Mapping[str, tuple[Mode, ...]] = {
     "position": ("position_hold", "guided"),
     "test": MODES,
 }
-"""Modes in which a set point's port takes commands; the others refuse them, so that nobody waits for what will not come."""
+"""The modes in which the port of a set point takes commands. In the other modes it refuses them, so that nobody waits for an effect in vain."""
 
 REMEDY: Mapping[str, str] = {
     "attitude": "no attitude: it needs a valid sensor of kind attitude, imu or motion_capture",
@@ -62,7 +62,7 @@ REMEDY: Mapping[str, str] = {
 
 
 class Known(NamedTuple):
-    """What of an estimate can be trusted at an instant; `motion`: anything tells of the horizontal one."""
+    """Which parts of an estimate can be trusted at an instant; `motion`: whether any sensor measures the horizontal motion."""
 
     attitude: bool
     heading: bool
@@ -74,11 +74,11 @@ class Known(NamedTuple):
 
 
 NEEDED = tuple([tuple([name in NEEDS[mode] for name in Known._fields]) for mode in MODES])
-"""`NEEDS` as truths, in the order of `MODES` and of `Known`, for compiled code."""
+"""`NEEDS` as truth values, in the order of `MODES` and of `Known`, for compiled code."""
 
 
 def known(e: Estimate, gains: Gains, now_ns: int) -> Known:
-    """What was heard within its time-out. For records; compiled, for rows."""
+    """Return which parts of an estimate are not older than their time-outs. It takes records; the compiled version takes rows."""
     ns = NANOSECONDS
     velocity = now_ns - e.velocity_ns <= gains.velocity_timeout_s * ns
     fixed = now_ns - e.fix_ns <= gains.position_timeout_s * ns
@@ -94,12 +94,12 @@ def known(e: Estimate, gains: Gains, now_ns: int) -> Known:
 
 
 def missing(mode: Mode, known: Known) -> str:
-    """What keeps a mode from working, the first of it; "" for nothing."""
+    """Return the first thing that a mode needs and that is not known; "" if the mode can work."""
     return next((need for need in NEEDS[mode] if not getattr(known, need)), "")
 
 
 def refuge(mode: Mode, known: Known) -> Mode:
-    """The nearest safer mode that works."""
+    """Return the nearest fallback of a mode that can work."""
     while missing(mode, known):
         mode = FALLBACK[mode]
     return mode

@@ -1,9 +1,10 @@
-"""The built-in autopilot of one vehicle: from delivered samples and orders to commands of its actuators."""
+"""The built-in autopilot of one vehicle: orders, modes, fail-safes, missions, and what it reports. Its steps run in compiled code (`flight`)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
+from typing import cast
 
 from uwserver.autopilot import route
 from uwserver.autopilot.bank import Seat
@@ -12,52 +13,51 @@ from uwserver.autopilot.flight import ARRIVED, BEGIN, CONTROL, DONE, FAILSAFE, N
 from uwserver.autopilot.mission import Item, Waypoint
 from uwserver.autopilot.modes import FOLLOWS, REMEDY, Known, known, missing, refuge
 from uwserver.autopilot.plausibility import refuse_impossible
-from uwserver.autopilot.state import NAN, Mode, Reason, Remembered
+from uwserver.autopilot.state import Mode, Parts, Reason, Remembered, Six
 from uwserver.autopilot.sticks import enter
 from uwserver.physics.kernel.arrays import IntArray
 from uwserver.ports import Fault, Json, Refused
 from uwserver.ports.crossing import Answers, Later
 
-_LOST: Mapping[str, Reason] = {
-    "attitude": "sensor attitude", "heading": "sensor heading", "depth": "sensor depth", "velocity": "sensor velocity",
-    "position": "sensor position", "altitude": "sensor altitude",
-}  # fmt: skip
-
 
 class Autopilot:
-    """What is rare of flying, on the simulation thread: orders, modes, fail-safes, what is told. The steps themselves run in compiled code (`bank`).
+    """The part of an autopilot that runs in Python, on the simulation thread: all that happens rarely.
 
-    What it remembers is `estimate`, `memory` and `orders`, which lie in its seat, and one call that waits for its end.
+    All that it remembers is in `estimate`, `memory` and `orders`, apart from one call that waits for its reply.
 
     Attributes:
         craft: its vehicle.
         seat: its rows.
-        set_points: slots of its own ports, by name, which take commands in some modes only.
+        estimate, memory, orders: its records, which are in the rows.
+        set_points: slots of its own ports, by name, without that of the pilot. They take commands only in some modes.
     """
 
     def __init__(
         self, craft: Craft, now: Callable[[], tuple[int, int]], say: Callable[[str], None], answers: Answers
     ) -> None:
-        """For a vehicle.
+        """Make the autopilot of a vehicle.
 
         Args:
             craft: the vehicle.
-            now: tick and simulation time (ns).
-            say: tells all clients.
-            answers: takes what callers that wait are to be told.
+            now: returns tick and simulation time (ns).
+            say: sends a text to all clients.
+            answers: the list for replies of calls that wait.
         """
         self.craft, self.seat = craft, Seat(craft)
         self.estimate, self.memory, self.orders = self.seat.estimate, self.seat.memory, self.seat.orders
         self.set_points: dict[str, Held] = {}
-        self._now, self._say = now, say
+        self._now, self._send = now, say
         self._errand: Later | None = None
         self._errand_name = ""
         self._answers = answers
 
     def begin(self) -> None:
-        """Once everything is built."""
+        """Start, when the world is built."""
         self.orders.armed = self.orders.waits = self.craft.armed
         self._take_hold()
+
+    def _say(self, text: str) -> None:
+        self._send(f'"{self.craft.path}" {text}')
 
     # -- the step -------------------------------------------------------------------------------------------------------------------
 
@@ -68,79 +68,73 @@ class Autopilot:
 
     @property
     def known(self) -> Known:
-        """What of the estimate can be trusted now."""
+        """What is known of the state of the vehicle now."""
         return known(self.estimate, self.orders.gains, self.t_ns)
 
     def attend(self, need: int, world: IntArray, t_ns: int) -> None:
-        """A step has stopped and needs this first (`flight`); then it goes on. `world`: the table of the bodies' arrays."""
+        """Handle what a step has stopped for (`flight`), and continue it. `world` is the table of the bodies' arrays."""
         while need != NOTHING:
-            stage = self._meet(need)
+            stage = self._handle(need)
             need = NOTHING if stage is None else self.seat.go_on(world, t_ns, stage)
 
-    def _meet(self, need: int) -> int | None:
-        """Do what a step needs; returns the stage from which on it goes on, None where it ends."""
-        o, e, craft = self.orders, self.estimate, self.craft
+    def _handle(self, need: int) -> int | None:
+        """Do what a step needs. Returns the stage at which the step continues; None if it ends."""
+        o = self.orders
         if need == READY:
             o.waits = False
-            self.seat.stay()  # where the sensors say that it is; until now that was anywhere
+            self.seat.stay()  # only now the sensors have measured where the vehicle is
             self._open_ports()
             return WATCH
         if need == FAILSAFE:
             self._watch(self.known)
-            return STEER if o.armed else None  # a fail-safe may have ended a test
+            return STEER if o.armed else None  # a fail-safe ends a test, which disarms
         if need == BEGIN:
-            route.begin(self.seat, craft.arrival_m, self.known.altitude)
-            self._follow_item()
+            route.begin(o, self.estimate, self.craft.arrival_m, self.known.altitude)
+            self._tell_item()
             return STEER
         if need == DONE:
-            self._say(f'"{craft.path}" {route.end(o)}')
-            self._tell_mission()
+            self._say(route.end(o))
+            self._report_mission()
         elif need == ARRIVED:
             o.settled = True
             self._end(None)
         elif need == PROGRESS and self._errand is not None:
             self.seat.row["c"]["silence"] = 0.0
-            away = route.distance(o, e)
-            self._errand.progress(min(1.0, max(0.0, 1.0 - away / o.length)), self.t_ns)
+            part = 1.0 - route.distance(o, self.estimate) / o.length
+            self._errand.progress(min(1.0, max(0.0, part)), self.t_ns)
         return CONTROL
 
-    def _follow_item(self) -> None:
-        """Compiled code knows of the item under way when it is done."""
-        o = self.orders
+    def _tell_item(self) -> None:
+        """Write the present item of the mission into the row, so that compiled code knows when it is done."""
+        o, c = self.orders, self.seat.row["c"]
         if o.items and o.index >= 0:
-            c = self.seat.row["c"]
             c["item"], c["lasts"] = route.kind_of(o.items[o.index])
 
     def _watch(self, now: Known) -> None:
+        """Carry out the fail-safes that are due."""
         e, o, craft = self.estimate, self.orders, self.craft
         lost = missing(o.mode, now)
         if lost:
             mode = refuge(o.mode, now)
-            self._fail(_LOST[lost], mode, f"{REMEDY[lost]}: {o.mode} -> {mode}")
+            self._fail(cast("Reason", f"sensor {lost}"), mode, f"{REMEDY[lost]}: {o.mode} -> {mode}")
         if "altitude" in o.given and o.mode in ("guided", "mission") and now.altitude == o.blind:
-            self._lose_or_find_bottom(now.altitude)
+            o.blind = not now.altitude
+            if o.blind:
+                self._fail("sensor altitude", o.mode, f"the bottom is not seen: it holds its depth of {o.depth:.1f} m")
+            else:
+                o.failsafe = "" if o.failsafe == "sensor altitude" else o.failsafe
+                self._say(f"the bottom is seen again: it goes at an altitude of {o.altitude:g} m")
         if e.leak and o.failsafe != "leak":
             self._fail("leak", "surface" if craft.on_leak == "surface" else o.mode, "leak")
         if e.charge < o.gains.battery_low and o.failsafe not in ("leak", "battery"):
             mode = "surface" if craft.on_low_battery == "surface" else o.mode
             self._fail("battery", mode, f"battery at {100.0 * e.charge:.0f} %")
 
-    def _lose_or_find_bottom(self, sees: bool) -> None:
-        """On a way at an altitude. While the bottom is not seen the depth stays as it last was."""
-        o = self.orders
-        o.blind = not sees
-        if not sees:
-            self._fail("sensor altitude", o.mode, f"the bottom is not seen: it holds its depth of {o.depth:.1f} m")
-            return
-        if o.failsafe == "sensor altitude":
-            o.failsafe = ""
-        self._say(f'"{self.craft.path}" the bottom is seen again: it goes at an altitude of {o.altitude:g} m')
-
     def _fail(self, reason: Reason, mode: Mode, text: str) -> None:
         o = self.orders
         if o.failsafe not in ("leak", "battery") or reason in ("leak", "battery"):
             o.failsafe = reason
-        self._say(f'"{self.craft.path}" fail-safe: {text}')
+        self._say(f"fail-safe: {text}")
         if mode != o.mode:
             self._enter(mode, f"fail-safe: {text}")
 
@@ -155,19 +149,22 @@ class Autopilot:
         lost = missing(mode, self.known)
         if lost:
             raise Refused("denied", f"{mode} has {REMEDY[lost]}", "mode")
-        if mode == "mission" and not self.orders.items:
-            raise Refused("denied", self._no_mission, "mode")
-        # What a leak or an empty battery leads to happens once: then the operator has the last word.
+        if mode == "mission":
+            self._check_mission(self.orders.items, "mode")
+        # A leak or an empty battery changes the mode only once: then the operator decides.
         if not (self.orders.failsafe == "leak" and self.estimate.leak) and self.orders.failsafe != "battery":
             self.orders.failsafe = ""
         self._enter(mode, f"mode {mode} was set")
-        if mode == "mission" and self.orders.items and self.orders.index < 0:
-            o = self.orders
-            o.index, o.reached, o.pace, o.bound = 0, 0, NAN, NAN
+        if mode == "mission" and self.orders.index < 0:
+            route.start(self.orders, 0)
 
-    @property
-    def _no_mission(self) -> str:
-        return f"there is no mission: call {self.craft.path}/set_mission first"
+    def _check_mission(self, items: tuple[Item, ...], key: str) -> None:
+        if not items:
+            raise Refused("denied", f"there is no mission: call {self.craft.path}/set_mission first", key)
+
+    def _check_armed(self, key: str) -> None:
+        if not self.orders.armed:
+            raise Refused("denied", f"the autopilot is not armed: call {self.craft.path}/arm first", key)
 
     def _enter(self, mode: Mode, why: str) -> None:
         before = self.orders.mode
@@ -177,30 +174,31 @@ class Autopilot:
         self.end_test()
         self._open_ports()
         if before != mode:
-            self._say(f'"{self.craft.path}" mode {before} -> {mode}')
+            self._say(f"mode {before} -> {mode}")
 
     def arm(self, force: bool) -> None:
-        """Take the actuators over.
+        """Take over the actuators.
 
         Raises:
-            Refused: the mode cannot work, or there is a leak, and it is not forced.
+            Refused: the mode cannot work, or there is a leak, unless `force` is true.
         """
-        lost = missing(self.orders.mode, self.known)
+        o = self.orders
+        lost = missing(o.mode, self.known)
         if lost and not force:
-            text = f"mode {self.orders.mode} has {REMEDY[lost]}; choose another mode, or arm with force = true"
+            text = f"mode {o.mode} has {REMEDY[lost]}; choose another mode, or arm with force = true"
             raise Refused("denied", text, "force")
         if self.estimate.leak and not force:
             raise Refused("denied", "there is water in the hull; arm with force = true if you must", "force")
-        if self.orders.armed:
+        if o.armed:
             return
         self.seat.forget()
-        self.orders.armed, self.orders.waits = True, False
+        o.armed, o.waits = True, False
         self.seat.stay()
         self._take_hold()
-        self._say(f'"{self.craft.path}" armed in mode {self.orders.mode}')
+        self._say(f"armed in mode {o.mode}")
 
     def disarm(self) -> None:
-        """Let the actuators go to neutral, and others command them."""
+        """Send the actuators to neutral, and let others command them."""
         if not self.orders.armed:
             return
         self.preempt("the autopilot was disarmed")
@@ -210,44 +208,43 @@ class Autopilot:
             slot.actuator.neutral()
         self.seat.forget()
         self._take_hold()
-        self._say(f'"{self.craft.path}" disarmed')
+        self._say("disarmed")
 
-    def steer(self, u: Sequence[float]) -> None:
-        """The pilot moves the sticks (6), -1..1 in B."""
+    def steer(self, u: Six) -> None:
+        """Take over the sticks of the pilot, -1..1 in B."""
         o = self.orders
-        a, b, c, d, e, f = u
-        o.stick = (a, b, c, d, e, f)
-        o.pilot = "on"
+        o.stick, o.pilot = u, "on"
         if o.failsafe == "pilot":
             o.failsafe = ""
 
     def lose_pilot(self) -> None:
-        """Nobody moves the sticks any more: they spring back."""
+        """Centre the sticks, because the pilot sends no commands any more."""
         o = self.orders
         o.stick = (0.0,) * 6
         if o.pilot == "on" and o.armed and not o.failsafe:
             o.failsafe = "pilot"
-            self._say(f'"{self.craft.path}" fail-safe: no command from the pilot, the sticks are neutral')
+            self._say("fail-safe: no command from the pilot, the sticks are neutral")
         o.pilot = "lost"
 
-    def test(self, outputs: tuple[float, ...]) -> None:
-        """Give these parts of full commands to the actuators, instead of control."""
+    def test(self, outputs: Parts) -> None:
+        """Give the actuators these commands instead of those of the controllers, as parts of their full commands."""
         self.preempt("the actuators are being tested")
         self.orders.test = outputs
         self.memory.tau = self.memory.lack = (0.0,) * 6
 
     def end_test(self) -> None:
-        """Nobody tries the actuators any more: as the vehicle may be on deck, it does not go on by itself."""
+        """End a test of the actuators. The autopilot is disarmed, because the vehicle may be on deck."""
         if self.orders.test:
-            self._say(f'"{self.craft.path}" the test of the actuators is over')
+            self._say("the test of the actuators is over")
             self.disarm()
 
     def hold(self) -> None:
-        """Stop following, and hold what the mode holds where the vehicle is now."""
+        """Stop, and hold where the vehicle is what the mode holds."""
         enter(self.orders, self.memory, self.orders.mode)
         self.seat.stay()
 
     def _take_hold(self) -> None:
+        """Refuse the commands of others to the actuators while the autopilot is armed."""
         path = self.craft.path
         text = f"is held by the autopilot while it is armed: call {path}/disarm first, or steer by {path}/pilot"
         for slot in (*self.craft.held, *self.craft.blocked):
@@ -257,6 +254,7 @@ class Autopilot:
         self._open_ports()
 
     def _open_ports(self) -> None:
+        """Let the ports for set points take commands if the mode follows them."""
         mode = self.orders.mode
         for name, slot in self.set_points.items():
             modes = FOLLOWS[name]
@@ -267,17 +265,17 @@ class Autopilot:
             self.set_points["test"].refusal = "waits for the sensors of its mode" if self.orders.waits else text
 
     def set_mission(self, items: tuple[Item, ...]) -> None:
-        """Put a mission in; a vehicle on the old one holds where it is.
+        """Replace the mission. A vehicle that flies the old one stops, and holds where it is.
 
         Raises:
-            Refused: a waypoint's altitude cannot be flown. Nothing has changed then.
+            Refused: the altitude of a waypoint cannot be flown. Then nothing changes.
         """
         for k, item in enumerate(items):
             if isinstance(item, Waypoint):
                 route.check_altitude(item, self.craft, self.orders.gains, f"item {k}: ", f"items[{k}]")
         o = self.orders
-        o.items, o.index, o.reached = items, -1, 0
-        o.entered, o.waited, o.pace, o.bound = False, 0.0, NAN, NAN
+        o.items, o.entered, o.waited = items, False, 0.0
+        route.start(o, -1)
         if o.mode == "mission":
             self.preempt("the mission was replaced")
             self.hold()
@@ -286,69 +284,70 @@ class Autopilot:
         """Fly the mission from this item on.
 
         Raises:
-            Refused: there is none, no such item, not armed, or the mode cannot work.
+            Refused: there is no mission or no such item, the autopilot is not armed, or the mode cannot work.
         """
-        self._check_mission(self.orders.items, index)
+        self._check_start(self.orders.items, index)
         self.set_mode("mission")
-        o = self.orders
-        o.index, o.reached, o.pace, o.bound = index, 0, NAN, NAN
+        route.start(self.orders, index)
 
-    def _check_mission(self, items: tuple[Item, ...], index: int) -> None:
-        if not items:
-            raise Refused("denied", self._no_mission, "index")
+    def _check_start(self, items: tuple[Item, ...], index: int) -> None:
+        self._check_mission(items, "index")
         if index >= len(items):
             raise Refused("out_of_range", f"the mission has {len(items)} items, from 0 on", "index")
-        if not self.orders.armed:
-            raise Refused("denied", f"the autopilot is not armed: call {self.craft.path}/arm first", "index")
+        self._check_armed("index")
         if lost := missing("mission", self.known):
             raise Refused("denied", f"mission has {REMEDY[lost]}", "mode")
 
-    def moved(self) -> None:
-        """The dead reckoning was corrected: what no command has given stays where the vehicle is."""
-        self.seat.stay()
-
-    # -- a call that waits ----------------------------------------------------------------------------------------------------------
+    # -- calls that wait ------------------------------------------------------------------------------------------------------------
 
     def go(self, where: Waypoint, heading: float | None, speed: float | None, radius: float | None) -> Later:
-        """Go to the place of a waypoint, in mode guided; the call is answered when it is reached.
+        """Go to the place of a waypoint, in mode guided. The call is answered on arrival.
+
+        Args:
+            where: the place.
+            heading: rad; None: the bow points where the vehicle goes.
+            speed: m/s; None: `cruise_mps` of the gains.
+            radius: distance at which the vehicle has arrived, m; None: what it can do.
 
         Raises:
-            Refused: not armed, the mode cannot work, or the altitude cannot be flown.
+            Refused: the autopilot is not armed, the mode cannot work, or the altitude cannot be flown.
         """
         route.check_altitude(where, self.craft, self.orders.gains, "", "altitude_m")
-        if not self.orders.armed:
-            raise Refused("denied", f"the autopilot is not armed: call {self.craft.path}/arm first", "goto")
+        self._check_armed("goto")
         if self.orders.mode == "guided":
             self.preempt("another goto was called")
         else:
             self.set_mode("guided")
         o, e = self.orders, self.estimate
         near = self.craft.arrival_m if radius is None else radius
-        route.go(self.seat, where, heading, speed, near, self.known.altitude)
+        route.go(o, e, where, heading, speed, near, self.known.altitude)
         o.length = max(route.distance(o, e), 1e-9)
-        self._errand, self._errand_name = Later(self._answers), "goto"
         self.seat.row["c"]["errand"], self.seat.row["c"]["silence"] = 1, 0.0
-        return self._errand
+        return self._wait("goto")
 
     def fly(self, items: tuple[Item, ...] | None, index: int) -> Later:
-        """Fly a mission from this item on; the call is answered when its last item is done.
+        """Fly a mission from this item on. The call is answered when its last item is done.
 
         Args:
-            items: of the mission; None for the one that is there.
+            items: of the mission; None for the present mission.
             index: of the first item.
 
         Raises:
-            Refused: see `start_mission`. Nothing has changed then.
+            Refused: see `start_mission`. Then nothing changes.
         """
-        self._check_mission(self.orders.items if items is None else items, index)
+        self._check_start(self.orders.items if items is None else items, index)
         if items is not None:
             self.set_mission(items)
         self.start_mission(index)
-        self._errand, self._errand_name = Later(self._answers), "fly_mission"
+        return self._wait("fly_mission")
+
+    def _wait(self, name: str) -> Later:
+        """Return the reply of a call that waits, for the service `name`."""
+        self._errand, self._errand_name = Later(self._answers), name
         return self._errand
 
-    def _tell_mission(self) -> None:
-        """An item of a mission is done."""
+    def _report_mission(self) -> None:
+        """Report to the caller of fly_mission that an item is done."""
         o = self.orders
         if self._errand is None or self._errand_name != "fly_mission":
             return
@@ -358,33 +357,36 @@ class Autopilot:
             self._errand.progress(o.index / len(o.items), self.t_ns)
 
     def preempt(self, why: str) -> None:
-        """End the errand under way, if there is one."""
+        """End the call that waits, if there is one."""
         if self._errand is not None:
             self._end(Fault("preempted", why, f"{self.craft.path}/{self._errand_name}"))
 
     def _end(self, fault: Fault | None) -> None:
+        """Answer the call that waits: with a fault, or with its result."""
         errand, self._errand = self._errand, None
         self.seat.row["c"]["errand"] = 0
         assert errand is not None
-        tick, t_ns = self._now()
-        errand.finish(tick, t_ns, None if fault is not None else self._outcome(), fault)
-
-    def _outcome(self) -> Json:
-        if self._errand_name == "fly_mission":
-            return {"reached": self.orders.reached}
-        away = route.distance(self.orders, self.estimate)
-        return None if math.isnan(away) else {"distance_m": away}
+        result: Json = None
+        if fault is None and self._errand_name == "fly_mission":
+            result = {"reached": self.orders.reached}
+        elif fault is None and not math.isnan(away := route.distance(self.orders, self.estimate)):
+            result = {"distance_m": away}
+        errand.finish(*self._now(), result, fault)
 
     # -- state ----------------------------------------------------------------------------------------------------------------------
 
     def check(self, kept: Remembered) -> None:
-        """Refuse what it was in another place or time, if it cannot have been this vehicle's (ValueError, see `refuse_impossible`)."""
+        """Check a saved state.
+
+        Raises:
+            ValueError: it is not a state of this vehicle, or it is impossible (`refuse_impossible`).
+        """
         refuse_impossible(self.craft.path, *self.seat.records(kept))
 
     def load(self, kept: Remembered) -> None:
-        """Go on from there; a call that waits ends."""
+        """Restore a saved state. A call that waits ends."""
         self.preempt("the world was reset or restored")
-        is_other = self.seat.load(kept)
-        self._follow_item()
-        if is_other:
+        has_changed = self.seat.load(kept)
+        self._tell_item()
+        if has_changed:
             self._take_hold()

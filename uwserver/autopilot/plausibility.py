@@ -1,4 +1,4 @@
-"""What a saved autopilot cannot have been: a state may come from a file that somebody else wrote."""
+"""Refuses saved states that no autopilot can have had: a state may come from a file that somebody else wrote."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from uwserver.autopilot.state import Estimate, Memory, Orders
 
 
 def refuse_impossible(path: str, estimate: Estimate, memory: Memory, orders: Orders) -> None:
-    """Refuse what no autopilot can have been.
+    """Refuse a saved state that no autopilot can have had.
 
     Args:
         path: of the autopilot.
-        estimate, memory, orders: as they were saved.
+        estimate, memory, orders: the saved state.
 
     Raises:
-        ValueError: attitudes without length, a mission that ends before its item, or numbers out of all range.
+        ValueError: an attitude without unit length, a present item that the mission does not have, or a number that is far too large.
     """
     for q in (estimate.q, orders.attitude or estimate.q):
         if not abs(math.hypot(*q) - 1.0) < 1e-3:
@@ -31,12 +31,12 @@ def refuse_impossible(path: str, estimate: Estimate, memory: Memory, orders: Ord
 
 
 def _is_plausible(x: float) -> bool:
-    """Times (ns) and counts are whole numbers whose differences can still be counted."""
+    """Return whether a number is possible. Differences of whole numbers (times in ns, counts) must fit into 64 bits."""
     return abs(x) < 2**62 if isinstance(x, int) else math.isnan(x) or abs(x) < 1e12
 
 
 def _numbers(value: object) -> Iterator[float]:
-    """All numbers in a record, however deep."""
+    """Yield all numbers in a record, at any depth."""
     if isinstance(value, float | int):
         yield value
     elif isinstance(value, tuple):

@@ -1,4 +1,4 @@
-"""Rows of autopilots (`rows`) as typed records, for Python."""
+"""The rows of autopilots (`rows`) as typed records, for Python."""
 
 from __future__ import annotations
 
@@ -13,25 +13,24 @@ from msgspec import Struct
 
 from uwserver.autopilot.rows import FRAMES, MODES, PILOTS
 from uwserver.autopilot.state import GIVEN, NAN, REASONS, Estimate, Memory, Orders
-from uwserver.frames import Quat
 
 
 class Form(NamedTuple):
-    """How a field of a record stands in a row: what `read` makes of the number there, and `write` of the value."""
+    """Form of a field in a row: `read` makes the value from the number there, and `write` the number from the value."""
 
     read: Callable[[Any], Any]
     write: Callable[[Any], Any]
 
 
 class Beside(NamedTuple):
-    """A field of a record that lies elsewhere."""
+    """Access to a field of a record that is not in its row."""
 
     get: Callable[[], Any]
     set: Callable[[Any], None]
 
 
 def _choice(choices: Sequence[Any]) -> Form:
-    """One of some values, as its place."""
+    """Return the form of a field that holds one of `choices`, as its index."""
 
     def read(code: int) -> Any:
         if not 0 <= code < len(choices):
@@ -42,7 +41,7 @@ def _choice(choices: Sequence[Any]) -> Form:
 
 
 def _several(choices: Sequence[str]) -> Form:
-    """Some of some texts, as bits."""
+    """Return the form of a field that holds some of `choices`, as bits."""
 
     def read(bits: int) -> tuple[str, ...]:
         if not 0 <= bits < 1 << len(choices):
@@ -52,26 +51,23 @@ def _several(choices: Sequence[str]) -> Form:
     return Form(read, lambda names: sum(1 << choices.index(name) for name in names))
 
 
-def _read_attitude(q: Quat) -> Quat | None:
-    return None if math.isnan(q[0]) else q
-
-
-_TRUTH = _choice((False, True))
 _FORMS: Mapping[str, Form] = {
     "mode": _choice(MODES),
     "pilot": _choice(PILOTS),
     "frame": _choice(FRAMES),
     "failsafe": _choice(REASONS),
     "given": _several(GIVEN),
-    "attitude": Form(_read_attitude, lambda q: (NAN,) * 4 if q is None else q),
-    **dict.fromkeys(("leak", "armed", "waits", "looks", "blind", "settled", "astray", "entered"), _TRUTH),
+    "attitude": Form(lambda q: None if math.isnan(q[0]) else q, lambda q: (NAN,) * 4 if q is None else q),
+    **dict.fromkeys(
+        ("leak", "armed", "waits", "looks", "blind", "settled", "astray", "entered"), _choice((False, True))
+    ),
 }
 
 R = TypeVar("R", Estimate, Memory, Orders)
 
 
 class _Place(NamedTuple):
-    """Where a field of a record begins, in numbers of 8 bytes; how many it has, 0 for a single one; whether they are integers; and its form."""
+    """The place of a field in a row: its first number (of 8 bytes); its length, 0 for a single number; whether the numbers are integers; its form."""
 
     first: int
     size: int
@@ -80,34 +76,33 @@ class _Place(NamedTuple):
 
 
 @cache
-def _places(record: Any) -> Mapping[str, _Place]:
-    """Of the fields of a type of records, but for those that are records themselves."""
+def _places(form: Any) -> Mapping[str, _Place]:
+    """Return the places of the fields of a dtype. Fields that are records themselves are left out."""
     places = {}
-    for name in record.names:
-        kind, offset = record.fields[name]
-        size = math.prod(kind.shape) if kind.shape else 0
+    for name in form.names:
+        kind, offset = form.fields[name]
         if kind.names is None:
-            places[name] = _Place(offset // 8, size, kind.base == np.int64, _FORMS.get(name))
+            places[name] = _Place(offset // 8, math.prod(kind.shape or (0,)), kind.base == np.int64, _FORMS.get(name))
     return places
 
 
 class Live:
-    """A typed record that lies in a row: reading a field gives what stands there now, setting it changes that.
+    """A typed record whose fields are in a row: reading a field gives the present value, and setting it changes the row.
 
-    It looks at the numbers themselves, which are not changed by what does not fit: numpy takes five times as long for a field of a record.
+    Fields are accessed by memory views, which refuse numbers of a wrong type or length before anything changes. A field of a numpy record would
+    take five times as long.
     """
 
-    __slots__ = ("_beside", "_kind", "_numbers", "_places", "_row", "_whole")
+    __slots__ = ("_beside", "_kind", "_numbers", "_places", "_whole")
 
     def __init__(self, kind: type[Struct], beside: Mapping[str, Beside]) -> None:
-        """Of a kind of records, some of whose fields lie beside the row."""
+        """Make a record of a type. `beside` gives access to the fields that are not in the row."""
         object.__setattr__(self, "_kind", kind)
         object.__setattr__(self, "_beside", beside)
 
     def lie(self, rows: Any) -> None:
-        """It lies in this array of one row from now on."""
+        """Use this array of one row from now on."""
         set_own = partial(object.__setattr__, self)
-        set_own("_row", rows[0])
         set_own("_places", _places(rows.dtype))
         set_own("_numbers", memoryview(rows.view(np.float64)))
         set_own("_whole", memoryview(rows.view(np.int64)))
@@ -137,21 +132,17 @@ class Live:
             raise AttributeError(f"{self._kind.__name__} has no {name}")
         return self._beside[name]
 
-    def read(self) -> Any:
-        """A copy, as a record of its kind."""
-        return record(self._kind, self._row, {name: other.get() for name, other in self._beside.items()})
-
     def write(self, record: Struct) -> None:
-        """Put another one in its place."""
+        """Set all fields to those of a record."""
         for name in self._kind.__struct_fields__:
             setattr(self, name, getattr(record, name))
 
 
 def record(kind: type[R], row: Any, beside: Mapping[str, Any]) -> R:
-    """What stands in a row, and beside it, as a typed record.
+    """Return the typed record of a row, and of the values that are not in the row.
 
     Raises:
-        ValueError: a number in it is the code of nothing.
+        ValueError: a number is not the code of any value.
     """
     names = row.dtype.names
     plain = map(_value, row.tolist(), map(_FORMS.get, names))
@@ -159,11 +150,11 @@ def record(kind: type[R], row: Any, beside: Mapping[str, Any]) -> R:
 
 
 def _value(plain: Any, form: Form | None) -> Any:
-    """A number, vector or record of a row as a value; all that is no number is `NAN` itself, so that equal rows give equal records."""
-    kind = type(plain)
-    if kind is np.ndarray:
-        plain, kind = plain.tolist(), list
-    if kind is list:
+    """Return the value of a number, vector or record in a row. Every NaN becomes the object `NAN`, so that equal rows give equal records."""
+    if isinstance(plain, np.ndarray):
+        plain = plain.tolist()
+    if isinstance(plain, list):
+        # The sum is NaN if a number is.
         total = sum(plain)
         plain = tuple(plain) if total == total else tuple([NAN if x != x else x for x in plain])
     elif plain != plain:

@@ -1,16 +1,16 @@
-"""The way to a place, and the items of a mission: how each begins, and what comes after it. When it is done is found in `flight`."""
+"""The way to a place, and the items of a mission: how each begins, and what follows it. `flight` finds out when an item is done."""
 
 from __future__ import annotations
 
 import math
 
 from uwserver.autopilot import flight
-from uwserver.autopilot.bank import Seat
 from uwserver.autopilot.craft import Craft
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.mission import Hold, Item, SetHeading, SetSpeed, Surface, Waypoint
-from uwserver.autopilot.state import Estimate, Orders, SetPointName
+from uwserver.autopilot.state import NAN, Estimate, Orders, SetPointName
 from uwserver.autopilot.sticks import wrapped
+from uwserver.frames import Vec3
 from uwserver.ports import Refused
 from uwserver.units import rad
 
@@ -20,21 +20,22 @@ _KINDS = {
 
 
 def kind_of(item: Item) -> tuple[int, float]:
-    """Code of an item's kind, and how long the vehicle stays there, s."""
+    """Return the code of the kind of an item, and the time that the vehicle stays there, s."""
     lasts = item.hold_s if isinstance(item, Waypoint) else item.time_s if isinstance(item, Hold) else 0.0
     return _KINDS[type(item)], lasts
 
 
 def check_altitude(where: Waypoint, craft: Craft, gains: Gains, at: str, key: str) -> None:
-    """Refuse an altitude that a vehicle cannot keep.
+    """Check that a vehicle can keep the altitude of a waypoint.
 
     Args:
-        where: to go to.
+        where: the waypoint.
         craft, gains: of the vehicle.
-        at, key: for the text: which item, and what is refused.
+        at: begin of the error text: which item.
+        key: of the error.
 
     Raises:
-        Refused: it sees no bottom, cannot dive, or shall not go so near.
+        Refused: the vehicle cannot see the bottom or cannot dive, or the altitude is less than the least of its gains.
     """
     if where.altitude_m is None:
         return
@@ -49,49 +50,80 @@ def check_altitude(where: Waypoint, craft: Craft, gains: Gains, at: str, key: st
 
 
 def give(o: Orders, *names: SetPointName) -> None:
-    """These set points were given."""
+    """Note that a command has set these set points."""
     given = o.given
     if not all(name in given for name in names):
         o.given = tuple(sorted({*given, *names}))
 
 
-def set_altitude(o: Orders, e: Estimate, altitude: float, sees_bottom: bool) -> None:
-    """Go there at this altitude (m): at a depth that follows the bottom. While that is not seen, the depth is that of the place."""
-    o.altitude = altitude
-    give(o, "altitude")
-    if sees_bottom:
-        depth = min(e.bottom - max(altitude, o.gains.min_altitude_m), o.gains.max_depth_m)
-        o.place, o.depth = (o.place[0], o.place[1], depth), depth
+def leave_bottom(o: Orders) -> None:
+    """Let the depth no longer follow the bottom."""
+    o.given = tuple([name for name in o.given if name != "altitude"])
+    o.blind = False
+    if o.failsafe == "sensor altitude":
+        o.failsafe = ""
+
+
+def set_course(o: Orders, e: Estimate, place: Vec3, heading: float | None, speed: float | None, radius: float) -> None:
+    """Go to a place and its depth.
+
+    Args:
+        o, e: of the vehicle.
+        place: p_N, m.
+        heading: rad; None: the bow points where the vehicle goes.
+        speed: m/s; None: `cruise_mps` of the gains.
+        radius: distance at which the vehicle has arrived, m.
+    """
+    o.origin, o.place, o.depth, o.radius = e.p, place, place[2], radius
+    give(o, "depth", "heading", "place")
+    o.looks = heading is None
+    if heading is not None:
+        o.heading = heading
+    o.speed = o.gains.cruise_mps if speed is None else speed
+    o.frame, o.attitude = "", None
+    o.settled = o.astray = False
+    o.turn, o.turn_limit = NAN, math.inf
 
 
 def go(
-    seat: Seat, where: Waypoint, heading: float | None, speed: float | None, radius: float, sees_bottom: bool
+    o: Orders,
+    e: Estimate,
+    where: Waypoint,
+    heading: float | None,
+    speed: float | None,
+    radius: float,
+    sees_bottom: bool,
 ) -> None:
-    """Go to the place of a waypoint (`Seat.set_course`) at its depth or altitude. `sees_bottom`: the altitude is known."""
-    o, e = seat.orders, seat.estimate
+    """Go to the place of a waypoint, at its depth or its altitude. The other arguments are those of `set_course`.
+
+    At an altitude the depth follows the bottom. While the bottom is not seen (`sees_bottom` is false), the vehicle keeps its present depth.
+    """
     north, east, down = where.place
-    last = o.depth if "depth" in o.given else e.p[2]
+    if down is None:
+        down = o.depth if "depth" in o.given else e.p[2]
     if where.altitude_m is None:
-        seat.leave_bottom()
-    seat.set_course((north, east, last if down is None else down), heading, speed, radius)
-    if where.altitude_m is not None:
-        set_altitude(o, e, where.altitude_m, sees_bottom)
+        leave_bottom(o)
+    else:
+        o.altitude = where.altitude_m
+        give(o, "altitude")
+        if sees_bottom:
+            down = min(e.bottom - max(where.altitude_m, o.gains.min_altitude_m), o.gains.max_depth_m)
+    set_course(o, e, (north, east, down), heading, speed, radius)
 
 
 def distance(o: Orders, e: Estimate) -> float:
-    """To the place, m; depth counts."""
+    """Return the distance to the place, m; the depth counts."""
     return math.dist(e.p, o.place)
 
 
-def begin(seat: Seat, arrival_m: float, sees_bottom: bool) -> None:
-    """Begin the item under way.
+def begin(o: Orders, e: Estimate, arrival_m: float, sees_bottom: bool) -> None:
+    """Begin the present item of the mission.
 
     Args:
-        seat: of the vehicle.
-        arrival_m: distance at which a waypoint counts as reached that names no radius.
-        sees_bottom: the altitude is known.
+        o, e: of the vehicle.
+        arrival_m: distance at which a waypoint without a radius counts as reached, m.
+        sees_bottom: whether the altitude is known.
     """
-    o, e = seat.orders, seat.estimate
     item = o.items[o.index]
     o.entered, o.waited = True, 0.0
     if isinstance(item, Waypoint):
@@ -103,8 +135,8 @@ def begin(seat: Seat, arrival_m: float, sees_bottom: bool) -> None:
         if speed is None and o.pace == o.pace:
             speed = o.pace
         begun = o.place if o.reached or "place" in o.given else e.p
-        go(seat, item, heading, speed, radius, sees_bottom)
-        # From the last place, not from where its circle was entered: the lines are those of the plan.
+        go(o, e, item, heading, speed, radius, sees_bottom)
+        # The line begins at the last place, not where the vehicle has entered its circle, so that lines are those of the plan.
         o.origin = begun if math.dist(begun, e.p) < 5.0 * max(radius, 1.0) else e.p
     elif isinstance(item, SetSpeed):
         o.pace = item.speed_mps
@@ -112,12 +144,17 @@ def begin(seat: Seat, arrival_m: float, sees_bottom: bool) -> None:
         o.bound = o.heading = wrapped(rad(item.heading_deg))
         o.looks = False
     elif isinstance(item, Surface):
-        seat.leave_bottom()
-        o.depth = 0.0  # another than that of the place: the line there ends
+        leave_bottom(o)
+        o.depth = 0.0  # differs from the depth of the place, so the vehicle leaves the line there
+
+
+def start(o: Orders, index: int) -> None:
+    """Start the mission at an item; -1: do not fly it."""
+    o.index, o.reached, o.pace, o.bound = index, 0, NAN, NAN
 
 
 def end(o: Orders) -> str:
-    """The item under way is done; returns what there is to tell."""
+    """End the present item, and go on to the next one. Returns a text that reports it."""
     done = o.index
     o.reached += 1
     o.entered = False

@@ -1,6 +1,6 @@
-"""What an autopilot is in compiled code: one row a vehicle, of what it believes, remembers, was told, and knows of its vehicle.
+"""The rows of autopilots, for compiled code: one row for each vehicle, with its estimate, memory and orders, and what is known of the vehicle.
 
-Python reads and writes such a row by typed records of the same names (`records.Live`): `state.Estimate`, `state.Memory`, `state.Orders`.
+Python reads and writes the first three as typed records (`records.Live`): `state.Estimate`, `state.Memory`, `state.Orders`.
 """
 
 from __future__ import annotations
@@ -59,29 +59,29 @@ MEMORY = np.dtype(
         ("lack", "f8", (6,)),
     ]
 )
-"""`state.Memory`, but for its outputs, which stand with the devices."""
+"""`state.Memory` without `outputs`, which are in the rows of the devices."""
 
 GAINS = np.dtype([(name, "f8") for name in Gains.__struct_fields__])
 
 ORDERS = np.dtype(
     [
         ("gains", GAINS),
-        ("mode", "i8"),  # place in MODES
+        ("mode", "i8"),  # index in MODES
         ("armed", "i8"),
         ("waits", "i8"),
         ("stick", "f8", (6,)),
-        ("pilot", "i8"),  # place in PILOTS
+        ("pilot", "i8"),  # index in PILOTS
         ("depth", "f8"),
         ("altitude", "f8"),
         ("heading", "f8"),
         ("place", "f8", (3,)),
         ("turn", "f8"),
         ("turn_limit", "f8"),
-        ("given", "i8"),  # a bit for each of GIVEN
-        ("attitude", "f8", (4,)),  # nan for none
+        ("given", "i8"),  # one bit for each of GIVEN
+        ("attitude", "f8", (4,)),  # nan if there is none
         ("heave", "f8"),
         ("velocity", "f8", (3,)),
-        ("frame", "i8"),  # place in FRAMES
+        ("frame", "i8"),  # index in FRAMES
         ("origin", "f8", (3,)),
         ("speed", "f8"),
         ("radius", "f8"),
@@ -96,24 +96,24 @@ ORDERS = np.dtype(
         ("reached", "i8"),
         ("entered", "i8"),
         ("waited", "f8"),
-        ("failsafe", "i8"),  # place in REASONS
+        ("failsafe", "i8"),  # index in REASONS
     ]
 )
-"""`state.Orders`, but for the mission and the test of actuators."""
+"""`state.Orders` without the mission and the test of the actuators."""
 
 SHAFT = np.dtype([(name, "f8") for name in ("a", "b", "strength", "advance", "diameter", "astern", "limit")])
 """`fins.Shaft`."""
 
 CRAFT = np.dtype(
     [
-        ("divisor", "i8"),  # ticks of a step
-        ("dt", "f8"),
-        ("torpedo", "i8"),  # 1: it is flown as one; 0: as a vehicle that hovers
-        ("means", "i8"),  # what it is driven by: code of the allocation
-        ("up", "f8"),  # depth of the origin from which on it has come up, m
-        ("device_first", "i8"),
+        ("divisor", "i8"),  # ticks per step
+        ("dt", "f8"),  # of a step, s
+        ("torpedo", "i8"),  # 1: controlled by `torpedo`; 0: by `hover`
+        ("means", "i8"),  # kind of its actuators: THRUSTERS, FINS or WRENCHES of `allocation`
+        ("up", "f8"),  # the vehicle is at the surface if its origin is above this depth, m
+        ("device_first", "i8"),  # rows of its devices
         ("device_count", "i8"),
-        ("axes", "i8", (6,)),  # 1 for those that can be controlled
+        ("axes", "i8", (6,)),  # 1 for each axis that can be controlled
         ("inertia", "f8", (6,)),
         ("linear", "f8", (6,)),  # damping
         ("quadratic", "f8", (6,)),
@@ -123,49 +123,49 @@ CRAFT = np.dtype(
         # Of the estimator:
         ("has_imu", "i8"),
         ("has_attitude", "i8"),
-        ("restlessness", "f8"),  # density of the error of the acceleration
+        ("restlessness", "f8"),  # density of the error of the acceleration (`tracks.MEASURED`)
         ("gravity", "f8"),
         ("latitude", "f8"),  # of the origin of N, rad
         ("longitude", "f8"),
-        # What goes on in Python, as compiled code has to know of it:
-        ("errand", "i8"),  # 1: a call waits for the end of the way
-        ("silence", "f8"),  # since that was last told how far it is, s
-        ("item", "i8"),  # kind of the item under way
-        ("lasts", "f8"),  # of that: time to stay, s
-        ("items", "i8"),  # of its mission
-        ("testing", "i8"),  # 1: the actuators are tried
-        ("need", "i8"),  # what it needs of Python: see `flight`
-        ("gives", "i8"),  # 1: the devices have new commands
+        # What Python tells compiled code, and the answers:
+        ("errand", "i8"),  # 1: a call waits until the vehicle has arrived
+        ("silence", "f8"),  # time since its last report of progress, s
+        ("item", "i8"),  # kind of the present item of the mission
+        ("lasts", "f8"),  # time to stay there, s
+        ("items", "i8"),  # number of items of the mission
+        ("testing", "i8"),  # 1: the actuators are being tested
+        ("need", "i8"),  # what the step needs Python for: see `flight`
+        ("gives", "i8"),  # 1: the step has made new commands for the devices
     ]
 )
-"""What an autopilot knows of its vehicle."""
+"""What an autopilot knows of its vehicle, and what Python and compiled code tell each other."""
 
 REMEMBERED = np.dtype([("e", ESTIMATE), ("m", MEMORY), ("o", ORDERS)])
-"""What of an autopilot changes as it flies, but for what compiled code is told of things that go on in Python."""
+"""The part of a row that is saved with the world."""
 
 PILOT = np.dtype([*((name, REMEMBERED[name]) for name in REMEMBERED.names or ()), ("c", CRAFT)])
-"""One autopilot: REMEMBERED, and its vehicle."""
+"""The row of one autopilot: REMEMBERED, and its vehicle."""
 
 DEVICE = np.dtype(
     [
         ("kind", "i8"),  # THRUSTER, FIN, SHAFT_SPEED or WRENCH
-        ("row", "i8"),  # in the bodies' arrays
-        ("component", "i8"),  # of a wrench
+        ("row", "i8"),  # its row in the bodies' arrays
+        ("component", "i8"),  # index in the wrench, if it is a component of one
         ("by_force", "i8"),  # 1: a thruster that is commanded in N
         ("active", "i8"),
-        ("into", "f8", (6,)),  # what it makes of each component of a wrench
-        ("column", "f8", (6,)),  # the wrench that its unit makes
-        ("low", "f8"),
+        ("into", "f8", (6,)),  # its force for one unit of each component of a wrench
+        ("column", "f8", (6,)),  # the wrench of one unit of its force
+        ("low", "f8"),  # limits of its force
         ("high", "f8"),
         ("full", "f8"),  # its full command
-        ("curve_first", "i8"),
-        ("astern", "i8"),  # points of its curve with a force below zero, then those above
+        ("curve_first", "i8"),  # first point of its thrust curve
+        ("astern", "i8"),  # number of points astern, and ahead
         ("ahead", "i8"),
-        ("first", "f8"),  # of a step: what the important axes want, the others, and what it gets
-        ("rest", "f8"),
-        ("force", "f8"),  # its command, in its unit
-        ("part", "f8"),  # what it was told, part of its full command
-        ("test", "f8"),  # what it is tried with
+        ("first", "f8"),  # in a step: the force that the important axes demand
+        ("rest", "f8"),  # in a step: the force that the other axes demand
+        ("force", "f8"),  # its force, and then its command, in the unit of the command
+        ("part", "f8"),  # its last command, as a part of the full command
+        ("test", "f8"),  # the same of the command of a test
     ]
 )
 """One thruster, fin, shaft or component of a wrench that the autopilot commands."""
@@ -175,9 +175,9 @@ THRUSTER, FIN, SHAFT_SPEED, WRENCH = range(4)
 SOURCE = np.dtype(
     [
         ("pilot", "i8"),  # row
-        ("next", "i8"),  # row of another one that hears the same stream, or -1
-        ("kind", "i8"),  # place in `sources.MESSAGES`
-        ("place", "i8", (3,)),  # of its fields among the numbers of the stream
+        ("next", "i8"),  # row of another SOURCE that reads the same stream, or -1
+        ("kind", "i8"),  # index in `sources.MESSAGES`
+        ("place", "i8", (3,)),  # places of its fields in a row of the stream
         ("p", "f8", (3,)),
         ("q", "f8", (4,)),
         ("sigma", "f8"),
@@ -187,8 +187,7 @@ SOURCE = np.dtype(
         ("beacon_first", "i8"),
     ]
 )
-"""A stream that an autopilot hears: `sources.Source`."""
-
+"""A stream that an autopilot reads: `sources.Source`."""
 
 FORMS: Forms = {
     "pilots": PILOT,
@@ -198,31 +197,30 @@ FORMS: Forms = {
     "beacons": columns(np.float64, 3),
     "ears": columns(np.int64),
 }
-"""Of the table of a world's autopilots; `ears`: of each stream of a sensor the first SOURCE that hears it, or -1."""
-
+"""The arrays in the table of a world's autopilots. `ears` has for each stream of a sensor the first SOURCE that reads it, or -1."""
 
 rotate, multiply, conjugate, quat_from_rpy, rpy_from_quat = (
     compiled(frames.rotate), compiled(frames.multiply), compiled(frames.conjugate), compiled(frames.quat_from_rpy),
     compiled(frames.rpy_from_quat),
 )  # fmt: skip
-"""Of `uwserver.frames`, for compiled code."""
+"""The functions of `uwserver.frames`, for compiled code."""
 
 
 @inlined
 def three(a: Array) -> Vec3:
-    """A vector of a row."""
+    """Return a vector in a row."""
     return a[0], a[1], a[2]
 
 
 @inlined
 def four(a: Array) -> Quat:
-    """A quaternion of a row."""
+    """Return a quaternion in a row."""
     return a[0], a[1], a[2], a[3]
 
 
 @inlined
 def six(a: Array) -> Six:
-    """A wrench or covariance of a row."""
+    """Return a wrench or a covariance in a row."""
     return a[0], a[1], a[2], a[3], a[4], a[5]
 
 

@@ -1,4 +1,4 @@
-"""What an autopilot hears: the sensors that it listens to, and what its operator knows of the place."""
+"""The inputs of an autopilot: the sensors that it reads, and what its operator knows of the place."""
 
 from __future__ import annotations
 
@@ -29,29 +29,29 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
     "Leak": ("leak",),
     "BatteryState": ("charge",),
 }
-"""The fields that it takes of each standard message that it can listen to; of a pressure sensor `depth` where it tells that."""
+"""The fields that it reads of each standard message that it can use. Of a pressure sensor with a field `depth` it reads that instead."""
 MESSAGES = tuple(FIELDS)
 IMU, ATTITUDE, PRESSURE, DVL, ALTIMETER, GPS, MOTION_CAPTURE, USBL, LBL, LEAK, BATTERY = range(len(MESSAGES))
-"""Their codes."""
+"""Codes of the messages."""
 
 
 def wanted(message: str, fields: Collection[Field]) -> tuple[str, ...]:
-    """Names of the fields that it takes of a sensor whose fields fit a message; none of a message that it does not listen to."""
+    """Return the names of the fields that it reads from a sensor of a standard message; none if it cannot use the message."""
     if message == "FluidPressure" and any(field.name == "depth" for field in fields):
         return ("depth",)
     return FIELDS.get(message, ())
 
 
 class Source(NamedTuple):
-    """One sensor that the autopilot listens to.
+    """One sensor that the autopilot reads.
 
     Attributes:
         message: that its fields fit.
         fields: of its port.
-        p, q: its mount, p_BS (m) and q_BS.
-        sigma: standard deviation that the operator expects of its position, m.
-        north: by how much its north is east of true north, rad.
-        density, atmosphere: of a pressure sensor: rho g (Pa/m) and the pressure at the surface (Pa); 0 where it tells depth.
+        p, q: mounting: p_BS (m) and q_BS.
+        sigma: standard deviation of its position that the operator expects, m.
+        north: angle of its north east of true north, rad.
+        density, atmosphere: of a pressure sensor: rho g (Pa/m), and the pressure at the surface (Pa); 0 if it measures depth.
     """
 
     message: str
@@ -71,8 +71,8 @@ class Surroundings:
     Attributes:
         gravity: m/s2.
         latitude, longitude: of the origin of N, rad.
-        beacons: p_N (m) where beacons are thought to be, by name.
-        start: p_N where the dead reckoning begins; None: at the origin of N, without being sure of it.
+        beacons: assumed p_N (m) of beacons, by name.
+        start: p_N where dead reckoning begins; None: at the origin of N, with a large uncertainty.
     """
 
     gravity: float = 9.81
@@ -86,23 +86,22 @@ class Hearing:
     """The sensors of one vehicle, as rows.
 
     Attributes:
-        ports: paths, in the order of the rows.
-        rows: SOURCE.
-        beacons: (n, 3) p_N of beacons whose place is known, m.
-        in_words: paths of those whose samples hold texts.
-        messages: of the sensors.
-        place: what the operator knows.
+        ports: paths of the sensors, in the order of the rows.
+        rows: a SOURCE for each.
+        beacons: (n, 3) p_N of the beacons whose place is known, m.
+        in_words: paths of the sensors whose samples contain texts. Compiled code does not read these.
+        messages: the standard messages of the sensors.
+        place: what the operator knows of the place.
     """
 
     def __init__(self, sources: Mapping[str, Source], place: Surroundings) -> None:
-        """Listen to these sensors, by port path; ValueError where a port lacks a field."""
+        """Read these sensors, given by port path. Raises ValueError if a port lacks a field."""
         self.ports, self.place = tuple(sources), place
         self.messages = frozenset(source.message for source in sources.values())
         self.rows: Any = np.zeros(len(sources), SOURCE)
         self.beacons: FloatArray = np.array(list(place.beacons.values()), float).reshape(-1, 3)
         self._names = list(place.beacons)
         self._columns = {path: columns_of(source.fields) for path, source in sources.items()}
-        self._place_of = {path: k for k, path in enumerate(sources)}
         self.in_words = tuple(path for path, source in sources.items() if FIELDS[source.message][0] == "beacon")
         for row, (path, source) in zip(self.rows, sources.items(), strict=True):
             row["kind"] = MESSAGES.index(source.message)
@@ -111,18 +110,19 @@ class Hearing:
             row["density"], row["atmosphere"] = source.density, source.atmosphere
 
     def _places(self, path: str, source: Source) -> list[int]:
-        """Where its fields stand among the numbers of its stream; a text is one more number at the end."""
+        """Return the places of the fields in a row of the stream. A text has the place behind the last number."""
         columns = self._columns[path]
         places = [columns.first[k] for k in bind(path, source.fields, *wanted(source.message, source.fields))]
         places = [columns.width if place < 0 else place for place in places]
         return places + [0] * (3 - len(places))
 
     def numbers(self, port: str, values: Sequence[Value]) -> tuple[int, FloatArray]:
-        """The row of a port, and a sample's values as numbers, that of a beacon at the end: -1 for one whose place nobody knows."""
+        """Return the row of a port, and the values of a sample as numbers. The last number is the index of the beacon that a text names; -1 if its
+        place is unknown."""
         columns = self._columns[port]
         numbers = np.full(columns.width + 1, -1.0)
         columns.pack(values, numbers[:-1])
         for k in columns.loose:
             if values[k] in self._names:
                 numbers[-1] = self._names.index(str(values[k]))
-        return self._place_of[port], numbers
+        return self.ports.index(port), numbers

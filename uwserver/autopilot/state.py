@@ -1,4 +1,4 @@
-"""What an autopilot remembers, as typed records; they lie in rows (`rows`)."""
+"""Estimate, memory and orders of an autopilot, as typed records. The values themselves are in rows (`rows`)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NAN = math.nan
 NOWHERE: Vec3 = (NAN, NAN, NAN)
 STILL: Vec3 = (0.0, 0.0, 0.0)
 NEVER = -(10**18)
-"""Time (ns) of what was never heard."""
+"""The time (ns) of a sample that never came."""
 
 Mode = Literal[
     "manual", "stabilise", "acro", "depth_hold", "altitude_hold", "heading_hold", "position_hold", "velocity", "guided",
@@ -24,34 +24,35 @@ Mode = Literal[
 
 SetPointName = Literal["altitude", "depth", "heading", "place"]
 GIVEN: tuple[SetPointName, ...] = get_args(SetPointName)
-"""Set points that a command can set."""
+"""The set points that a command can set."""
 
 Reason = Literal[
     "", "pilot", "leak", "battery", "sensor attitude", "sensor heading", "sensor depth", "sensor velocity", "sensor position",
     "sensor altitude",
 ]  # fmt: skip
-"""Why an autopilot does not do what it was told."""
+"""The reasons of a fail-safe: why an autopilot does not do what it was told."""
 REASONS: tuple[Reason, ...] = get_args(Reason)
 
 Six = tuple[float, float, float, float, float, float]
 Parts = Annotated[tuple[float, ...], Meta(max_length=1024)]
-"""Parts of the full commands of a vehicle's actuators."""
+"""Commands of the actuators of a vehicle, as parts of their full commands."""
 
 
 class Estimate(Struct):
-    """Where the vehicle believes itself to be. SI, frames N and B.
+    """The estimated state of the vehicle. SI, frames N and B.
 
     Attributes:
-        q, w: attitude q_NB, angular rate in B (rad/s).
-        drift: learnt error of the gyroscope, taken off `w`, rad/s.
+        q, w: attitude q_NB, and angular rate in B (rad/s).
+        drift: estimated error of the gyroscope, which is subtracted from `w`, rad/s.
         p, v, bias: position, velocity and error of the acceleration, all in N.
-        flat, steep: upper triangle of the covariance of (p, v, bias) of one axis: of both horizontal ones, and of the vertical one.
-        acceleration: sum of those measured since the last step, m/s2 in N; count: how many.
-        bottom: depth of the bottom, m; nan when unknown.
-        grade: how much deeper the bottom is a metre to the north, and to the east.
-        leak, charge: as the probes say; the charge is nan while unknown.
-        refused, doubted, strange: position fixes, velocities, and echoes of the bottom, in a row that were too far off.
-        imu_ns ... altitude_ns: when each was last valid, ns.
+        flat, steep: upper triangle of the covariance of (p, v, bias) along one axis: `flat` for both horizontal axes, `steep` for the vertical one.
+        acceleration: sum of the accelerations that were measured since the last step, m/s2 in N.
+        count: their number.
+        bottom: depth of the bottom under the vehicle, m; nan if unknown.
+        grade: slope of the bottom: by how much it gets deeper for each metre to the north, and to the east.
+        leak, charge: readings of the leak and battery sensors; the charge is nan while unknown.
+        refused, doubted, strange: number of consecutive position fixes, velocities, and echoes of the bottom that were rejected as too far off.
+        imu_ns ... altitude_ns: time of the last valid sample of each, ns.
     """
 
     q: Quat = IDENTITY
@@ -81,16 +82,17 @@ class Estimate(Struct):
 
 
 class Memory(Struct):
-    """What the controllers remember.
+    """The memory of the controllers.
 
     Attributes:
-        push: learnt acceleration in N that keeps the vehicle where it is (buoyancy, current), m/s2.
-        twist: learnt angular acceleration in B, rad/s2.
-        crab, sag: of a torpedo, its course less its heading, and the slope of its way down less that of its axis, rad.
-        through: its speed by its propeller, m/s.
+        push: integral of the position loops: the acceleration in N against buoyancy and current, m/s2.
+        twist: integral of the rate loops: angular acceleration in B, rad/s2.
+        crab: of a torpedo: course minus heading, rad.
+        sag: of a torpedo: angle of its path down minus angle of its axis down, rad.
+        through: of a torpedo: speed through the water as its propeller should have made it, m/s.
         tau: demanded wrench in B, N and N m.
-        lack: what the actuators could not give of it.
-        outputs: what the actuators were told, parts of their full commands.
+        lack: the part of `tau` that the actuators could not make.
+        outputs: last commands of the actuators, as parts of their full commands.
     """
 
     push: Vec3 = STILL
@@ -104,31 +106,35 @@ class Memory(Struct):
 
 
 class Orders(Struct):
-    """What the autopilot was told, and how far it has come.
+    """What the autopilot was told to do, and how far it has got.
 
     Attributes:
-        waits: armed from the start, until the sensors have spoken that the mode needs.
-        stick: of the pilot, -1..1 in B.
-        pilot: whether somebody steers: "" nobody yet, "on", or "lost".
-        depth, altitude, heading, place: set points; nan for none. `place` is p_N of which only north and east count. On a way at an altitude
-            (`altitude` is given) `depth` follows the bottom, and so does that of the place.
-        turn: commanded yaw rate, rad/s; nan for none. `turn_limit`: on the way to `heading`.
-        given: names of the set points that a command has set since the mode began.
-        attitude, heave: of an attitude command; None without.
-        velocity: commanded velocity; its frame is `frame`, "" without.
-        origin: where the way to `place` began: a torpedo keeps to the line from there.
-        speed, radius: on the way to `place`, m/s and m.
-        looks: the vehicle looks where it goes.
-        blind: on a way at an altitude the bottom is not seen, and the depth is held.
-        settled, astray: a torpedo is there and circles the place; it has missed it and makes another run.
-        length: of the way of a `goto`, m.
-        pace, bound: speed and heading that a mission has set for what follows; nan for none.
-        items, index, reached: mission, item under way (-1 none), items done.
-        entered: the item under way has set its set points.
-        waited: time spent at the item's place, s.
-        test: parts of the full commands that are tried instead of control; () for none.
-        failsafe: "" or the reason.
         gains: in use.
+        waits: the autopilot is armed from the start, and waits for the sensors that the mode needs.
+        stick: sticks of the pilot, -1..1 in B.
+        pilot: whether a pilot steers: "" nobody yet, "on", or "lost".
+        depth, altitude, heading, place: set points; nan if there is none. Of `place` (p_N) only north and east count. If the vehicle goes to a place
+            at an altitude (`altitude` is given), `depth` and the depth of `place` follow the bottom.
+        turn: commanded yaw rate, rad/s; nan if there is none.
+        turn_limit: largest yaw rate while the vehicle turns to `heading`, rad/s.
+        given: the set points that a command has set since the mode began.
+        attitude, heave: of an attitude command; the attitude is None if there is none.
+        velocity: commanded velocity.
+        frame: its frame; "" if no velocity is commanded.
+        origin: start of the path to `place`. The vehicle follows the line from there.
+        speed, radius: of the path to `place`, m/s and m.
+        looks: the vehicle turns its bow to where it goes.
+        blind: the vehicle goes at an altitude and does not see the bottom, so it holds its depth.
+        settled: a torpedo has arrived, and circles the place.
+        astray: a torpedo has missed the place, and makes another run.
+        length: length of the path of a `goto`, m.
+        pace, bound: speed and heading that the mission has set for the items that follow; nan if it has not.
+        items: the mission.
+        index, reached: number of the present item (-1: none), and number of items that are done.
+        entered: the present item has set its set points.
+        waited: time spent at the place of the item, s.
+        test: commands of a test of the actuators, as parts of the full ones; () if there is no test.
+        failsafe: reason of the fail-safe; "" if there is none.
     """
 
     gains: Gains
@@ -168,11 +174,11 @@ class Orders(Struct):
 
 
 class Remembered(Struct, frozen=True):
-    """All that an autopilot goes on with, as it lies in its rows: copied in a microsecond, and understood by `bank.Seat.records` alone.
+    """The saved state of an autopilot, as the bytes of its rows: they are copied in a microsecond. `bank.Seat.records` makes records of them.
 
     Attributes:
         row: `rows.REMEMBERED`.
-        outputs, test: float64 for each of its devices; `test` is empty where none is going on.
+        outputs, test: a float64 for each of its devices; `test` is empty if there is no test.
         items: its mission.
     """
 

@@ -1,4 +1,4 @@
-"""What an autopilot shows by its port `state`."""
+"""The port `state` of an autopilot."""
 
 from __future__ import annotations
 
@@ -34,36 +34,37 @@ _STATE = (
     Field("failsafe", "1", "why it does not do what it was told; empty when it does", type="str"),
 )
 
-_TEXTS: tuple[tuple[Value, ...], ...] = tuple([(mode, reason) for mode in MODES for reason in REASONS])
+TEXTS: tuple[tuple[Value, ...], ...] = tuple([(mode, reason) for mode in MODES for reason in REASONS])
+"""All texts that a reading can have."""
 
 
 class StateSensor(IdealSensor):
-    """What the autopilot believes and wants, as a sensor's port."""
+    """The estimate and the set points of an autopilot, as a sensor."""
 
-    doc = "What the autopilot believes, from its sensors, and what it wants."
+    doc = "What the autopilot estimates from its sensors, and what it wants."
     writes = True
 
     def __init__(self, pilot: Autopilot) -> None:
         self._pilot = pilot
         names = pilot.craft.names
-        doc = f"what its actuators were told, parts of their full commands: {', '.join(names)}"
+        doc = f"commands of its actuators, parts of their full commands: {', '.join(names)}"
         self.fields = (*_STATE, Field("outputs", "1", doc, "", (len(names),)))
 
     def begin(self, number: int) -> None:
-        """Nothing: it draws no random numbers."""
+        """Do nothing: it draws no random numbers."""
 
     def measure(self, scope: Scope | None) -> tuple[bool, list[Value]]:
-        """Always valid: each part tells by itself whether it is."""
+        """Return the reading, which is always valid; its own fields say which parts are."""
         columns = columns_of(self.fields)
         row = np.zeros(columns.width)
         return True, list(columns.unpack(row, self.write(row)))
 
     def write(self, row: FloatArray) -> tuple[Value, ...]:
-        """See `Sensor.writes`."""
+        """Write the numbers of the reading; see `Sensor.write`."""
         pilot = self._pilot
-        return _TEXTS[pilot.seat.tell(pilot.t_ns, row)]
+        return TEXTS[pilot.seat.tell(pilot.t_ns, row)]
 
     @property
     def writing(self) -> Writing:  # type: ignore[override]  # its row may change
-        """See `Sensor.writing`."""
-        return Writing(self._pilot.seat.k, _TEXTS)
+        """How compiled code writes the reading; see `Sensor.writing`."""
+        return Writing(self._pilot.seat.k, TEXTS)

@@ -1,6 +1,6 @@
-"""Set points, and the sticks that move them.
+"""Set points, and the sticks of the pilot that move them.
 
-Compiled code: `e` is the ESTIMATE of a vehicle, `o` its ORDERS.
+Compiled code. In all functions `e` is the ESTIMATE of a vehicle, and `o` its ORDERS.
 """
 
 from __future__ import annotations
@@ -11,42 +11,42 @@ from typing import Any
 import numpy as np
 
 from uwserver.autopilot.bottom import fall
-from uwserver.autopilot.rows import ALTITUDE_HOLD, GUIDED, MISSION, NO_FRAME, SURFACE, four, set_four, set_three, three
+from uwserver.autopilot.rows import ALTITUDE_HOLD, GUIDED, MISSION, SURFACE, four, set_three, three
 from uwserver.autopilot.rows import rpy_from_quat as rpy
-from uwserver.autopilot.state import GIVEN, NAN, NOWHERE, REASONS, STILL, Memory, Mode, Orders
+from uwserver.autopilot.state import GIVEN, NAN, NOWHERE, STILL, Memory, Mode, Orders
 from uwserver.physics.kernel.deferred import compiled
 
 CENTRED = 0.02
-"""A stick within this counts as released."""
+"""A stick nearer to its centre than this counts as released."""
 _LEAD_RAD, _LEAD_M = 0.4, 1.0
-"""A stick moves its set point no farther ahead of the vehicle than this."""
+"""A stick moves a set point at most this far ahead of the vehicle."""
 _ALTITUDE, _DEPTH, _HEADING, _PLACE = (1 << GIVEN.index(name) for name in ("altitude", "depth", "heading", "place"))
-_UNSEEN = REASONS.index("sensor altitude")
 _TURN = 2.0 * math.pi
 
 
 def wrapped(angle: float) -> float:
-    """The angle within -pi..pi."""
+    """Return the angle within -pi..pi."""
     return float(angle - _TURN * np.rint(angle / _TURN))
 
 
-def clamped(value: float, limit: float) -> float:
-    """The value within -limit..limit."""
+@compiled
+def at_most(value: float, limit: float) -> float:
+    """Return the value, limited to -limit..limit."""
     return -limit if value < -limit else limit if value > limit else value
 
 
-within, at_most = compiled(wrapped), compiled(clamped)
-"""`wrapped` and `clamped` for compiled code."""
+within = compiled(wrapped)
+"""`wrapped` for compiled code."""
 
 
 @compiled
 def heading_of(e: Any) -> float:
-    """Yaw, rad."""
+    """Return the yaw angle, rad."""
     return float(rpy(four(e.q))[2])
 
 
 def enter(o: Orders, m: Memory, mode: Mode) -> None:
-    """Begin a mode: nothing is given yet, and every set point is to be where the vehicle is (`stay`), so that nothing jumps. What was learnt of
+    """Begin a mode. No set point is given yet, so `stay` moves all of them to where the vehicle is, and nothing jumps. The learnt force against
     buoyancy and current is kept."""
     o.mode = mode
     o.given = ()
@@ -60,60 +60,21 @@ def enter(o: Orders, m: Memory, mode: Mode) -> None:
 
 @compiled
 def stay(o: Any, e: Any) -> None:
-    """Set points that no command has given are where the vehicle is."""
-    if o.given & _DEPTH == 0:
-        o.depth = 0.0 if o.mode == SURFACE else e.p[2]
+    """Move the set points that no command has given to where the vehicle is."""
+    settle(o, e, True, True, True)
     if o.given & _ALTITUDE == 0:
         o.altitude = e.bottom - e.p[2]
-    if o.given & _HEADING == 0:
-        o.heading = heading_of(e)
-    if o.given & _PLACE == 0:
-        set_three(o.place, three(e.p))
-
-
-@compiled
-def set_course(
-    o: Any, e: Any, north: float, east: float, down: float, heading: float, speed: float, radius: float
-) -> None:
-    """Go to a place.
-
-    Args:
-        o, e: of the vehicle.
-        north, east, down: p_N of it, m; it tells the depth, too.
-        heading: rad; nan for looking where the vehicle goes.
-        speed: m/s; nan for that of the gains.
-        radius: within which it has arrived, m.
-    """
-    set_three(o.origin, three(e.p))
-    set_three(o.place, (north, east, down))
-    o.depth, o.radius = down, radius
-    o.given |= _PLACE | _DEPTH | _HEADING
-    o.looks = 1 if math.isnan(heading) else 0
-    if o.looks == 0:
-        o.heading = heading
-    o.speed = o.gains.cruise_mps if math.isnan(speed) else speed
-    o.frame, o.settled, o.astray = NO_FRAME, 0, 0
-    set_four(o.attitude, (math.nan, math.nan, math.nan, math.nan))
-    o.turn, o.turn_limit = math.nan, math.inf
-
-
-@compiled
-def leave_bottom(o: Any) -> None:
-    """The depth no longer follows the bottom."""
-    o.given &= ~_ALTITUDE
-    o.blind = 0
-    if o.failsafe == _UNSEEN:
-        o.failsafe = 0
 
 
 @compiled
 def settle(o: Any, e: Any, depth: bool, heading: bool, place: bool) -> None:
-    """Set points that no command has given, and that were held in an estimate which the first word of a sensor has put elsewhere: they are where
-    the vehicle now is known to be.
+    """Move some set points to where the vehicle is, unless a command has given them.
+
+    So they follow when the first sample of a sensor moves the estimate far away.
 
     Args:
         o, e: of the vehicle.
-        depth, heading, place: what is known for the first time.
+        depth, heading, place: which set points.
     """
     if depth and o.given & _DEPTH == 0:
         o.depth = 0.0 if o.mode == SURFACE else e.p[2]
@@ -125,7 +86,7 @@ def settle(o: Any, e: Any, depth: bool, heading: bool, place: bool) -> None:
 
 @compiled
 def move_heading(o: Any, e: Any, dt: float) -> float:
-    """Move the heading's set point by the stick or a commanded turn; returns the yaw rate that is wanted anyhow, rad/s."""
+    """Move the set point of the heading by the stick or a commanded turn. Returns the yaw rate of this motion, rad/s, which is fed forward."""
     rate, most = 0.0, o.gains.max_yaw_rate_radps
     if abs(o.stick[5]) > CENTRED:
         rate = o.stick[5] * most
@@ -140,19 +101,19 @@ def move_heading(o: Any, e: Any, dt: float) -> float:
 
 @compiled
 def goes_at_altitude(o: Any) -> bool:
-    """Whether the vehicle is on a way, or at a place, that is told by its altitude."""
+    """Return whether the vehicle goes to a place, or stays there, at a commanded altitude."""
     return bool((o.mode == MISSION or o.mode == GUIDED) and o.given & _ALTITUDE != 0)
 
 
 @compiled
 def clearance(o: Any) -> float:
-    """Altitude to keep on a way at an altitude, m."""
+    """Return the altitude of a vehicle that goes at an altitude, m."""
     return float(max(o.altitude, o.gains.min_altitude_m))
 
 
 @compiled
 def move_depth(o: Any, e: Any, sees_bottom: bool, dt: float) -> float:
-    """Move the set point of depth or altitude by the heave stick; returns the vertical speed that is wanted anyhow, m/s down."""
+    """Move the set point of depth or altitude by the heave stick. Returns the vertical speed of this motion, m/s down, which is fed forward."""
     climb, at_altitude = o.stick[2] * o.gains.max_climb_mps if abs(o.stick[2]) > CENTRED else 0.0, goes_at_altitude(o)
     if (at_altitude or o.mode == ALTITUDE_HOLD) and sees_bottom:
         if climb != 0.0:
@@ -163,7 +124,7 @@ def move_depth(o: Any, e: Any, sees_bottom: bool, dt: float) -> float:
         else:
             o.depth = e.bottom - o.altitude
         if o.depth < o.gains.max_depth_m:
-            climb += fall(e)  # it would be late by the slope otherwise
+            climb += fall(e)  # otherwise the depth would lag behind the slope
     elif climb != 0.0:
         o.depth = e.p[2] + at_most(o.depth + climb * dt - e.p[2], _LEAD_M)
     return float(climb)
@@ -171,7 +132,7 @@ def move_depth(o: Any, e: Any, sees_bottom: bool, dt: float) -> float:
 
 @compiled
 def move_place(o: Any, e: Any, dt: float) -> tuple[float, float]:
-    """Move the place by the surge and sway sticks; returns the velocity north and east that is wanted anyhow, m/s."""
+    """Move the place by the surge and sway sticks. Returns the velocity north and east of this motion, m/s, which is fed forward."""
     surge, sway = o.stick[0], o.stick[1]
     if abs(surge) <= CENTRED and abs(sway) <= CENTRED:
         return 0.0, 0.0

@@ -1,16 +1,16 @@
-"""Control of a torpedo: speed by the propeller, depth by pitch by the stern planes, heading by the rudder, lines by looking ahead.
+"""Control of a torpedo: the propeller controls the speed, the stern planes control pitch and so the depth, and the rudder controls the heading. It
+follows a line by steering at a point ahead on it.
 
-Compiled code: `e` is the ESTIMATE of a vehicle, `m` its MEMORY, `o` its ORDERS, `c` its CRAFT, `now` what is `known`.
+Compiled code. In all functions `e` is the ESTIMATE of a vehicle, `m` its MEMORY, `o` its ORDERS, `c` its CRAFT, and `now` is from `modes.known`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 from uwserver.autopilot.bottom import fall
-from uwserver.autopilot.fins import SLOW_MPS, Shaft, speed_for, thrust_at
+from uwserver.autopilot.fins import SLOW_MPS, speed_for, thrust_at
 from uwserver.autopilot.rows import (
     ACRO,
     GUIDED,
@@ -31,7 +31,7 @@ from uwserver.autopilot.rows import (
     set_three,
     three,
 )
-from uwserver.autopilot.state import NAN, Six
+from uwserver.autopilot.state import NAN, STILL, Six
 from uwserver.autopilot.sticks import (
     at_most,
     goes_at_altitude,
@@ -44,60 +44,31 @@ from uwserver.frames import Vec3
 from uwserver.physics.kernel.deferred import compiled, separate
 
 _CRAB_S = 4.0
-"""Time constant with which the drift across the heading is learnt, s; likewise that across the pitch."""
+"""Time constant of the estimates of `crab` and `sag`, s."""
 _LEVEL = 0.03
-"""Slope of the way (rad) up to which the latter is learnt: on a steep way a current along it looks like drift."""
+"""Slope of the path (rad) above which `sag` is hardly learnt: on a steep path a current along it has the same effect."""
 _START_S = 3.0
 """Time constant of the speed while it is not measured, s."""
-_STILL: Vec3 = (0.0, 0.0, 0.0)
-_thrust, _speed = thrust_at, speed_for
-
-
-@dataclass(frozen=True)
-class Torpedo:
-    """What the cascades know of one vehicle.
-
-    Attributes:
-        inertia: with added mass, kg and kg m2, of each axis.
-        righting: moment over the sine of roll or pitch, by weight and buoyancy, N m.
-        reach: of the propeller at rest (N), of the fins at 1 m/s (N m).
-        shaft: the propeller.
-    """
-
-    inertia: Six
-    righting: float
-    reach: Six
-    shaft: Shaft
-
-    def fill(self, craft: Any) -> None:
-        """Write it into a CRAFT."""
-        craft["torpedo"], craft["inertia"], craft["reach"], craft["righting"] = (
-            1,
-            self.inertia,
-            self.reach,
-            self.righting,
-        )
-        self.shaft.fill(craft["shaft"])
 
 
 @compiled
 def speed_ahead(e: Any, m: Any, now: Any) -> float:
-    """Ahead, m/s: measured, or as the propeller should have made it."""
+    """Return the speed ahead, m/s: measured, or as the propeller should have made it."""
     return float(rotate(conjugate(four(e.q)), three(e.v))[0] if now.velocity else m.through)
 
 
 @compiled
 def torpedo(e: Any, m: Any, o: Any, c: Any, now: Any) -> Six:
-    """The wrench (B) that carries out the orders; moves set points by the sticks."""
+    """Return the wrench (in B) that carries out the orders. Moves the set points by the sticks."""
     u = speed_ahead(e, m, now)
     _learn(e, m, o, c, u, now)
     surge = _surge(e, m, o, c, u, now)
     per_speed = o.gains.shaft_per_speed
-    goal = _speed(c.shaft, surge if surge == surge else 0.0, u) / per_speed if per_speed != 0.0 else 0.0
+    goal = speed_for(c.shaft, surge if surge == surge else 0.0, u) / per_speed if per_speed != 0.0 else 0.0
     m.through += (goal - m.through) * c.dt / _START_S
     if o.mode == MANUAL:
         k = max(u, SLOW_MPS) ** 2 * o.gains.stick
-        set_three(m.twist, _STILL)
+        set_three(m.twist, STILL)
         s, r = o.stick, c.reach
         return surge, 0.0, 0.0, s[3] * r[3] * k, s[4] * r[4] * k, s[5] * r[5] * k
     tx, ty, tz = _moment(e, m, o, c, u, now)
@@ -106,6 +77,7 @@ def torpedo(e: Any, m: Any, o: Any, c: Any, now: Any) -> Six:
 
 @compiled
 def _learn(e: Any, m: Any, o: Any, c: Any, u: float, now: Any) -> None:
+    """Update the estimates of `crab` and `sag`, at speed u (m/s)."""
     if now.velocity and u > SLOW_MPS:
         crab = within(math.atan2(e.v[1], e.v[0]) - heading_of(e))
         m.crab += (at_most(crab, 0.5) - m.crab) * c.dt / _CRAB_S
@@ -121,15 +93,15 @@ def _learn(e: Any, m: Any, o: Any, c: Any, u: float, now: Any) -> None:
 
 @compiled
 def _surge(e: Any, m: Any, o: Any, c: Any, u: float, now: Any) -> float:
-    """Force ahead, N."""
+    """Return the force ahead at speed u (m/s), N."""
     g = o.gains
     wanted = _wanted(e, o, c)
     if wanted != wanted:
-        set_three(m.push, _STILL)
+        set_three(m.push, STILL)
         return float(o.stick[0] * abs(o.stick[0]) * c.reach[0] * g.stick)
-    force = _thrust(c.shaft, wanted * g.shaft_per_speed, max(wanted, 0.0))
+    force = thrust_at(c.shaft, wanted * g.shaft_per_speed, max(wanted, 0.0))
     if not now.velocity or wanted == 0.0:
-        set_three(m.push, _STILL)
+        set_three(m.push, STILL)
         return float(force)
     off = wanted - u
     push = m.push[0] + g.velocity_i * off * c.dt - g.unwind * c.dt * m.lack[0] / c.inertia[0]
@@ -139,7 +111,7 @@ def _surge(e: Any, m: Any, o: Any, c: Any, u: float, now: Any) -> float:
 
 @compiled
 def _wanted(e: Any, o: Any, c: Any) -> float:
-    """Speed ahead, m/s; nan where the stick acts on the propeller."""
+    """Return the demanded speed ahead, m/s; nan where the stick acts on the propeller."""
     g, mode, v = o.gains, o.mode, o.velocity
     if mode == VELOCITY or (mode == GUIDED and o.frame != NO_FRAME):
         if o.frame == NO_FRAME:
@@ -152,11 +124,12 @@ def _wanted(e: Any, o: Any, c: Any) -> float:
     return NAN
 
 
-# -- up, down and round ---------------------------------------------------------------------------------------------------------------------
+# -- pitch and heading ----------------------------------------------------------------------------------------------------------------------
 
 
 @separate
 def _moment(e: Any, m: Any, o: Any, c: Any, u: float, now: Any) -> Vec3:
+    """Return the moment in B at speed u (m/s), N m."""
     g, dt, i, s = o.gains, c.dt, c.inertia, o.stick
     roll, pitch, _ = rpy_from_quat(four(e.q))
     held = 0.0
@@ -174,7 +147,7 @@ def _moment(e: Any, m: Any, o: Any, c: Any, u: float, now: Any) -> Vec3:
     dp, dq, dr = p - e.w[0], q - e.w[1], r - e.w[2]
     unwind = g.unwind * dt
     b, k = m.twist[1], m.twist[2]
-    if u > SLOW_MPS:  # slower, the fins do nothing that could be learnt from
+    if u > SLOW_MPS:  # at less speed the fins have too little effect to learn from
         b += g.rate_i * dq * dt - unwind * m.lack[4] / i[4]
         k += g.yaw_rate_i * dr * dt - unwind * m.lack[5] / i[5]
     set_three(m.twist, (0.0, b, k))
@@ -183,7 +156,7 @@ def _moment(e: Any, m: Any, o: Any, c: Any, u: float, now: Any) -> Vec3:
 
 @compiled
 def _pitch(e: Any, m: Any, o: Any, c: Any, u: float, now: Any) -> float:
-    """Pitch to hold, rad."""
+    """Return the pitch to hold at speed u (m/s), rad."""
     g, mode = o.gains, o.mode
     if o.attitude[0] == o.attitude[0]:
         return float(rpy_from_quat(four(o.attitude))[1])
@@ -198,14 +171,14 @@ def _pitch(e: Any, m: Any, o: Any, c: Any, u: float, now: Any) -> float:
     slope = g.depth_p * (o.depth - e.p[2]) + dive / max(u, SLOW_MPS)
     up = g.max_tilt_rad
     if now.altitude and goes_at_altitude(o):
-        # It must rise from a bottom that is steeper than its usual path.
+        # A bottom may rise more steeply than its usual path.
         up = max(up, min(g.max_rise_rad, up - fall(e) / max(u, SLOW_MPS)))
     return float(max(-g.max_tilt_rad, min(up, m.sag - slope)))
 
 
 @compiled
 def _course(e: Any, m: Any, o: Any, now: Any) -> None:
-    """Set the heading so that the vehicle follows its line, its circle, or its velocity."""
+    """Set the heading so that the vehicle follows its line, its circle, its attitude, or its velocity."""
     mode = o.mode
     if o.attitude[0] == o.attitude[0]:
         o.heading = rpy_from_quat(four(o.attitude))[2]
@@ -217,18 +190,18 @@ def _course(e: Any, m: Any, o: Any, now: Any) -> None:
 
 @compiled
 def _towards(e: Any, o: Any) -> float:
-    """Course over ground to the place, rad."""
+    """Return the course over ground to the place, rad."""
     orbit, dx, dy, dz = o.gains.orbit_m, o.place[0] - e.p[0], o.place[1] - e.p[1], o.place[2] - e.p[2]
     away, bearing = math.hypot(dx, dy), math.atan2(dy, dx)
     if goes_at_altitude(o):
-        dz = 0.0  # the bottom goes up and down under it
+        dz = 0.0  # the depth varies with the bottom
     if o.mode != MISSION and math.sqrt(dx * dx + dy * dy + dz * dz) <= o.radius:
         o.settled = 1
     if o.origin[0] != o.origin[0] or o.settled != 0:
-        # Clockwise round the place: towards it from afar, square to it on the circle.
+        # Clockwise round the place: from far away towards it, on the circle at a right angle to it.
         return bearing - 0.5 * math.pi + math.atan2(away - orbit, 0.5 * orbit)
     if o.astray != 0:
-        # Past it, and inside its own turning circle: first away from it.
+        # The place is behind the vehicle and inside its turning circle: first it goes away from it.
         if away < 2.5 * orbit:
             return float(within(bearing + math.pi))
         o.astray = 0

@@ -1,7 +1,7 @@
-"""Position, velocity and error of the acceleration along one axis: the Kalman filter behind the dead reckoning.
+"""The Kalman filter of dead reckoning: position, velocity and error of the acceleration along one axis.
 
 x = (p, v, b); p' = v, v' = a + b with a measured acceleration a, b' = 0, each with white noise. The covariance is a tuple of its upper triangle
-(pp, pv, pb, vv, vb, bb). Both horizontal axes share one covariance, as their measurements come together and are equally good.
+(pp, pv, pb, vv, vb, bb). Both horizontal axes share one covariance, because their measurements come together and are equally good.
 """
 
 from __future__ import annotations
@@ -14,16 +14,19 @@ from uwserver.physics.kernel.deferred import compiled
 MEASURED = 0.01
 """Density of the error of a measured acceleration, m2/s3."""
 UNMEASURED = 0.25
-"""The same without accelerometer: how restless vehicles are."""
+"""The same without an accelerometer: how much vehicles accelerate."""
 DRIFT = 1e-4
 """Growth of the variance of b, m2/s5."""
 SPREAD = 1e-4
-"""Growth of the variance of p that the model does not see: errors of scale and of heading, m2/s."""
+"""Growth of the variance of p by errors of scale and heading, which are not in the model, m2/s."""
+
+Measured = tuple[float, float, float, Six]
+"""Effect of a measurement: the Kalman gains of p, v and b, and the covariance after it."""
 
 
 @compiled
 def predict(c: Six, dt: float, density: float) -> Six:
-    """The covariance dt (s) later; `density` as `MEASURED`."""
+    """Return the covariance dt (s) later. `density` is `MEASURED` or `UNMEASURED`."""
     pp, pv, pb, vv, vb, bb = c
     # F = [[1, dt, dt^2/2], [0, 1, dt], [0, 0, 1]]; the noise of the acceleration reaches p in second order only.
     h = 0.5 * dt * dt
@@ -40,8 +43,8 @@ def predict(c: Six, dt: float, density: float) -> Six:
 
 
 @compiled
-def measure_position(c: Six, variance: float) -> tuple[float, float, float, Six]:
-    """What an innovation of the position moves p, v and b by, and the covariance after it. `variance` in m2."""
+def measure_position(c: Six, variance: float) -> Measured:
+    """Return the Kalman gains of p, v and b for a measured position, and the covariance after it. `variance` in m2."""
     pp, pv, pb, vv, vb, bb = c
     s = 1.0 / (pp + variance)
     k, m, n = pp * s, pv * s, pb * s
@@ -50,8 +53,8 @@ def measure_position(c: Six, variance: float) -> tuple[float, float, float, Six]
 
 
 @compiled
-def measure_velocity(c: Six, variance: float) -> tuple[float, float, float, Six]:
-    """The same for an innovation of the velocity; `variance` in m2/s2."""
+def measure_velocity(c: Six, variance: float) -> Measured:
+    """Return the same for a measured velocity; `variance` in m2/s2."""
     pp, pv, pb, vv, vb, bb = c
     s = 1.0 / (vv + variance)
     k, m, n = pv * s, vv * s, vb * s
@@ -60,8 +63,8 @@ def measure_velocity(c: Six, variance: float) -> tuple[float, float, float, Six]
 
 
 @compiled
-def measure_bearing(c: Six, variance: float) -> tuple[float, float, float, Six]:
-    """The same for a distance along one horizontal direction: of the shared covariance it takes half of what a whole fix would."""
+def measure_bearing(c: Six, variance: float) -> Measured:
+    """Return the same for a measured distance along one horizontal direction. It reduces the shared covariance by half as much as a position fix."""
     k, m, n, d = measure_position(c, variance)
     half = (
         0.5 * (c[0] + d[0]), 0.5 * (c[1] + d[1]), 0.5 * (c[2] + d[2]),
@@ -72,5 +75,5 @@ def measure_bearing(c: Six, variance: float) -> tuple[float, float, float, Six]:
 
 @compiled
 def is_likely(innovation: float, c: Six, variance: float) -> bool:
-    """Whether a position so far off (m) is within six standard deviations."""
+    """Return whether a difference of a measured position from the estimate (m) is within six standard deviations."""
     return abs(innovation) <= 6.0 * math.sqrt(c[0] + variance)

@@ -16,8 +16,10 @@ import msgspec
 from msgspec import Struct
 
 from uwserver.autopilot.bank import Seat
+from uwserver.autopilot.status import StateSensor
 from uwserver.frames import rotate
 from uwserver.ports import Call, Event, Field, Port, Refused, Sample
+from uwserver.ports.checks import bind
 from uwserver.recording.changes import BadChange, Setting, changed_record
 from uwserver.recording.channels import Column
 from uwserver.recording.differences import Distance, Pairing
@@ -158,6 +160,9 @@ class _Estimation:
             f"{vehicle}/truth/pose",
             f"{vehicle}/truth/velocity",
         )
+        sensor = world.sensors[self._state].sensor
+        assert isinstance(sensor, StateSensor)
+        self._sensor, self._places = sensor, bind(self._state, sensor.fields, *[field.name for field in _FIELDS])
         self._set_position, self._set_gain = f"{vehicle}/autopilot/set_position", f"{vehicle}/autopilot/set_gain"
         self.port = Port(
             f"{vehicle}/estimate/state", "sensor", "estimate", _FIELDS, "The estimate from the recorded samples."
@@ -246,8 +251,8 @@ class _Estimation:
             self._now_ns = self._world.t_ns
             self._step_before(self._now_ns)
             # The autopilot's port gives the estimate before it gets the samples of the tick.
-            x, _ = self._seat.show(self._now_ns)
-            self._estimate = tuple(x[0:3]), tuple(x[3:6]), tuple(x[6:10]), x[13], x[14]
+            _, state = self._sensor.measure(None)
+            self._estimate = tuple(state[place] for place in self._places)
         if topic in self._inputs:
             self._samples += 1
             if message.valid:
@@ -282,13 +287,11 @@ class _Estimation:
 
     def _compare(self, message: _SampleMessage) -> None:
         """Add the recorded estimate, and the new one of the same time, to their comparisons with the truth."""
-        # NaN, which differs from itself, stands for an unknown depth or altitude.
-        values = tuple(each if isinstance(each, tuple) or each == each else None for each in self._estimate)
         if self.writer is not None:
-            sample = Sample(self.port.path, self._seq, message.t_ns, message.t_sent_ns, True, values)
+            sample = Sample(self.port.path, self._seq, message.t_ns, message.t_sent_ns, True, self._estimate)
             self.writer.sample(sample, self.written)
             self._seq += 1
-        estimate = dict(zip([field.name for field in _FIELDS], values, strict=True))
+        estimate = dict(zip([field.name for field in _FIELDS], self._estimate, strict=True))
         self._before.put(1, (message.t_ns, True, message.value))
         self._after.put(1, (message.t_ns, True, estimate))
 

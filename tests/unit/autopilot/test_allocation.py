@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import math
+from dataclasses import astuple
 
 import numpy as np
 import pytest
 
 from uwserver.autopilot.allocation import (
     Thrust,
-    Thrusters,
-    Wrench,
     allocate_thrusters,
     allocate_wrench,
     command_for,
     controllable,
     curve_points,
+    thruster_allocation,
+    wrench_allocation,
 )
-from uwserver.autopilot.fins import SLOW_MPS, FinEffect, FinsAndShaft, Shaft, allocate_fins, shaft_speed, shaft_thrust
+from uwserver.autopilot.fins import SLOW_MPS, FinEffect, Shaft, allocate_fins, fin_allocation, shaft_speed, shaft_thrust
 from uwserver.autopilot.rows import CRAFT
 
 LINEAR = ((-1.0, -20.0), (0.0, 0.0), (1.0, 20.0))
@@ -48,27 +49,27 @@ def forces(allocation, tau):
 
 
 def test_surge_is_shared_by_the_four_and_signed_by_their_axes():
-    found, made = forces(Thrusters([(vectored(), False)]), (10.0, 0, 0, 0, 0, 0))
+    found, made = forces(thruster_allocation([(vectored(), False)]), (10.0, 0, 0, 0, 0, 0))
     share = 10.0 / (4.0 * math.cos(math.pi / 4))
     assert found == pytest.approx([-share, -share, share, share, 0, 0], abs=1e-4)
     assert made == pytest.approx((10.0, 0, 0, 0, 0, 0), abs=1e-4)
 
 
 def test_heave_is_shared_by_the_two_and_roll_by_their_difference():
-    allocation = Thrusters([(vectored(), False)])
+    allocation = thruster_allocation([(vectored(), False)])
     assert forces(allocation, (0, 0, 8.0, 0, 0, 0))[0] == pytest.approx([0, 0, 0, 0, 4, 4], abs=1e-4)
     assert forces(allocation, (0, 0, 0, 0.44, 0, 0))[0] == pytest.approx([0, 0, 0, 0, 2, -2], abs=1e-4)
 
 
 def test_yaw_takes_the_arm_of_the_diagonal():
     arm = (0.15 + 0.1) / math.sqrt(2.0)
-    found, _ = forces(Thrusters([(vectored(), False)]), (0, 0, 0, 0, 0, 1.0))
+    found, _ = forces(thruster_allocation([(vectored(), False)]), (0, 0, 0, 0, 0, 1.0))
     assert np.abs(found[:4]) == pytest.approx([1.0 / (4.0 * arm)] * 4, abs=1e-4)
 
 
 def test_an_axis_that_follows_from_another_is_left_alone():
     """Low thrusters pitch the vehicle when they push it: pitch cannot be chosen, and surge must not suffer from it."""
-    allocation = Thrusters([(vectored(z=0.085), False)])
+    allocation = thruster_allocation([(vectored(z=0.085), False)])
     assert allocation.axes == (0, 1, 2, 3, 5)
     _, made = forces(allocation, (10.0, 3.0, 5.0, 0.2, 1.0, 0.5))
     assert made[:4] == pytest.approx((10.0, 3.0, 5.0, 0.2), abs=1e-3)
@@ -79,7 +80,7 @@ def test_an_axis_that_follows_from_another_is_left_alone():
 def test_the_cheapest_of_all_forces_is_chosen():
     """Nothing that makes no wrench is added: the forces have no part in the null space of the columns."""
     thrusters = vectored()
-    found, _ = forces(Thrusters([(thrusters, False)]), (5.0, -2.0, 3.0, 0.1, 0.0, 0.4))
+    found, _ = forces(thruster_allocation([(thrusters, False)]), (5.0, -2.0, 3.0, 0.1, 0.0, 0.4))
     columns = np.array([t.column for t in thrusters]).T
     null = np.linalg.svd(columns)[2][np.linalg.matrix_rank(columns) :]
     assert null @ np.array(found) == pytest.approx(np.zeros(len(null)), abs=1e-4)
@@ -88,13 +89,13 @@ def test_the_cheapest_of_all_forces_is_chosen():
 def test_a_stronger_thruster_takes_more():
     twice = ((-1.0, -40.0), (0.0, 0.0), (1.0, 40.0))
     pair = [thrust((0, 0, 0), (1, 0, 0)), thrust((0, 0, 0), (1, 0, 0), twice)]
-    found, _ = forces(Thrusters([(pair, False)]), (15.0, 0, 0, 0, 0, 0))
+    found, _ = forces(thruster_allocation([(pair, False)]), (15.0, 0, 0, 0, 0, 0))
     # The least sum of (f / limit)^2: forces as 1 to 4.
     assert found == pytest.approx((3.0, 12.0), abs=1e-4)
 
 
 def test_at_the_limit_heave_and_attitude_keep_their_share():
-    found, made = forces(Thrusters([(vectored(), False)]), (300.0, 100.0, 20.0, 0.3, 0, 1.0))
+    found, made = forces(thruster_allocation([(vectored(), False)]), (300.0, 100.0, 20.0, 0.3, 0, 1.0))
     assert max(np.abs(found)) == pytest.approx(20.0, abs=1e-6)
     assert (made[2], made[3], made[5]) == pytest.approx((20.0, 0.3, 1.0), abs=1e-3)
     assert made[0] / made[1] == pytest.approx(3.0, abs=1e-3)
@@ -102,7 +103,7 @@ def test_at_the_limit_heave_and_attitude_keep_their_share():
 
 
 def test_too_much_of_an_important_axis_alone_is_scaled():
-    found, made = forces(Thrusters([(vectored(), False)]), (10.0, 0, 100.0, 0, 0, 0))
+    found, made = forces(thruster_allocation([(vectored(), False)]), (10.0, 0, 100.0, 0, 0, 0))
     assert found[4:] == pytest.approx([20.0, 20.0])
     assert made[2] == pytest.approx(40.0)
     # The four others have nothing to do with it.
@@ -110,7 +111,7 @@ def test_too_much_of_an_important_axis_alone_is_scaled():
 
 
 def test_reach_is_what_one_axis_can_have_alone():
-    allocation = Thrusters([(vectored(), False)])
+    allocation = thruster_allocation([(vectored(), False)])
     assert allocation.reach[0] == pytest.approx(80.0 * math.cos(math.pi / 4), rel=1e-3)
     assert allocation.reach[2] == pytest.approx(40.0, rel=1e-3)
     assert allocation.reach[4] == 0.0
@@ -118,12 +119,12 @@ def test_reach_is_what_one_axis_can_have_alone():
 
 def test_devices_stand_in_the_order_of_the_actuators_that_say_what_they_take():
     four, two = vectored()[:4], vectored()[4:]
-    allocation = Thrusters([(four, False), (two, True)])
+    allocation = thruster_allocation([(four, False), (two, True)])
     found, _ = forces(allocation, (0, 0, 8.0, 0, 0, 0))
     assert found == pytest.approx((0, 0, 0, 0, 4.0, 4.0), abs=1e-4)
     assert allocation.devices["by_force"].tolist() == [0, 0, 0, 0, 1, 1]
     steep = ((-1.0, -40.0), (0.0, 0.0), (0.5, 10.0), (1.0, 40.0))
-    allocation = Thrusters([([thrust((0, 0, 0), (1, 0, 0)), thrust((0, 0, 0), (1, 0, 0), steep)], False)])
+    allocation = thruster_allocation([([thrust((0, 0, 0), (1, 0, 0)), thrust((0, 0, 0), (1, 0, 0), steep)], False)])
     assert [u_of(allocation, k, 10.0) for k in range(2)] == [0.5, 0.5]
     assert [u_of(allocation, k, -20.0) for k in range(2)] == [-1.0, -0.5]
 
@@ -169,7 +170,7 @@ def test_a_curve_at_its_ends():
 
 
 def test_a_wrench_is_cut_axis_by_axis():
-    allocation = Wrench((10.0, 10.0, 10.0, 1.0, 1.0, 1.0))
+    allocation = wrench_allocation((10.0, 10.0, 10.0, 1.0, 1.0, 1.0))
     made = allocate_wrench(allocation.devices, (20.0, -5.0, -20.0, 0.5, -2.0, 0.0))
     assert allocation.devices["force"].tolist() == [10.0, -5.0, -10.0, 0.5, -1.0, 0.0]
     assert made == (10.0, -5.0, -10.0, 0.5, -1.0, 0.0)
@@ -193,7 +194,7 @@ def test_a_shaft_stands_still_without_demand_and_has_a_limit():
 def angles(allocation, tau, speed):
     """Fins' angles and shafts' speeds, and the wrench made."""
     craft = np.zeros(1, CRAFT)[0]
-    allocation.shaft.fill(craft["shaft"])
+    craft["shaft"] = astuple(SHAFT)
     made = allocate_fins(craft, allocation.devices, tuple(map(float, tau)), speed)
     return allocation.devices["force"].tolist(), made
 
@@ -201,7 +202,7 @@ def angles(allocation, tau, speed):
 def fins(limit=0.25):
     plane = FinEffect((0, 0, -5.0, 0, -4.0, 0), limit)
     rudder = FinEffect((0, -3.5, 0, 0, 0, 2.8), limit)
-    return FinsAndShaft([rudder, plane], SHAFT)
+    return fin_allocation([rudder, plane], SHAFT)
 
 
 @pytest.mark.parametrize("u", [0.5, 1.0, 2.0])
@@ -232,7 +233,7 @@ def test_a_cross_of_four_fins_controls_roll_too():
         FinEffect((0, 0, -2.0, 0.08, -0.8, 0), 0.5),
         FinEffect((0, 0, -2.0, -0.08, -0.8, 0), 0.5),
     ]
-    allocation = FinsAndShaft(cross, SHAFT)
+    allocation = fin_allocation(cross, SHAFT)
     assert allocation.axes == (0, 3, 4, 5)
     given, made = angles(allocation, (0, 0, 0, 0.016, 0, 0), 1.0)
     assert made[3:] == pytest.approx((0.016, 0, 0), abs=1e-4)

@@ -15,6 +15,7 @@ from uwserver.autopilot.bank import Bank
 from uwserver.autopilot.flight import BEGIN, DONE, FAILSAFE, PROGRESS, READY
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.mission import Hold
+from uwserver.autopilot.route import leave_bottom, set_course
 from uwserver.autopilot.state import NAN, NOWHERE, Estimate, Memory, Orders
 from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
@@ -90,8 +91,9 @@ def test_one_that_went_changes_and_hears_for_itself_alone():
     gone, other = pilot_of(world, "auv"), pilot_of(world, "rov")
     world.dismiss("auv")
     assert gone.seat.k == other.seat.k == 0
-    kept, x = other.seat.read(), gone.seat.show(world.t_ns)
-    assert x[0][0] == pytest.approx(gone.estimate.p[0])
+    kept, row = other.seat.read(), np.zeros(32 + len(gone.craft.names))
+    gone.seat.tell(world.t_ns, row)
+    assert row[1] == pytest.approx(gone.estimate.p[0])
     gone.hold()
     gone.seat.hear("auv/ahrs", ((1.0, 0.0, 0.0, 0.0), 0.0), world.t_ns, world.t_ns)
     assert gone.estimate.attitude_ns == world.t_ns
@@ -181,19 +183,19 @@ def test_a_course_is_set_with_all_that_belongs_to_it(seat):
         settled=True, astray=True, turn=0.1, turn_limit=0.2, blind=True, failsafe="sensor altitude", velocity=(1.0, 2.0, 3.0), altitude=4.0,
     )  # fmt: skip
     seat.write(Estimate(p=(1.0, 2.0, 3.0)), Memory(), before)
-    seat.set_course((10.0, 20.0, 30.0), None, None, 2.0)
+    set_course(seat.orders, seat.estimate, (10.0, 20.0, 30.0), None, None, 2.0)
     went = structs.replace(
         before, origin=(1.0, 2.0, 3.0), place=(10.0, 20.0, 30.0), depth=30.0, given=("altitude", "depth", "heading", "place"), looks=True, speed=0.7,
         radius=2.0, frame="", attitude=None, settled=False, astray=False, turn=NAN, turn_limit=math.inf,
     )  # fmt: skip
     assert seat.read()[2] == went
-    seat.set_course((10.0, 20.0, 30.0), 1.5, 0.3, 2.0)
+    set_course(seat.orders, seat.estimate, (10.0, 20.0, 30.0), 1.5, 0.3, 2.0)
     assert seat.read()[2] == structs.replace(went, heading=1.5, looks=False, speed=0.3)
-    seat.leave_bottom()
+    leave_bottom(seat.orders)
     left = seat.read()[2]
     assert (left.given, left.blind, left.failsafe) == (("depth", "heading", "place"), False, "")
     seat.orders.failsafe = "battery"
-    seat.leave_bottom()
+    leave_bottom(seat.orders)
     assert seat.orders.failsafe == "battery", "of another reason"
 
 
@@ -231,8 +233,8 @@ def test_what_does_not_fit_changes_nothing(seat):
 def needs_of(monkeypatch, world, name):
     """What the autopilot is asked to do, as it goes on."""
     pilot, needs = pilot_of(world, name), []
-    meet = pilot._meet
-    monkeypatch.setattr(pilot, "_meet", lambda need: needs.append(need) or meet(need))
+    handle = pilot._handle
+    monkeypatch.setattr(pilot, "_handle", lambda need: needs.append(need) or handle(need))
     return needs
 
 

@@ -7,12 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from uwserver.autopilot.allocation import Wrench
+from uwserver.autopilot.allocation import wrench_allocation
 from uwserver.autopilot.bank import Bank, Seat
-from uwserver.autopilot.craft import Craft
+from uwserver.autopilot.craft import Craft, Dynamics
 from uwserver.autopilot.estimator import STUBBORN, place_at
 from uwserver.autopilot.gains import Gains
-from uwserver.autopilot.hover import Hover
 from uwserver.autopilot.modes import known
 from uwserver.autopilot.sources import Hearing, Source, Surroundings
 from uwserver.autopilot.state import NEVER
@@ -70,10 +69,10 @@ NO_BODIES = Hydrodynamics((), 1.0 / RATE)
 def seat(place=None, **sources):
     """An autopilot alone, disarmed."""
     hearing = Hearing({f"rov/{name}": source for name, source in sources.items()}, place or Surroundings())
-    helm, allocation = Hover(ONES, ONES, ONES, ONES), Wrench(ONES)
+    dynamics, allocation = Dynamics(ONES, ONES, ONES, ONES), wrench_allocation(ONES)
     return Seat(
         Craft(
-            path="rov/autopilot", hearing=hearing, allocation=allocation, helm=helm, held=(), shares=(), names=("x",) * 6, blocked=(),
+            path="rov/autopilot", hearing=hearing, allocation=allocation, dynamics=dynamics, held=(), shares=(), names=("x",) * 6, blocked=(),
             gains=GAINS, divisor=1, dt=1.0 / RATE,
         )
     )  # fmt: skip

@@ -152,7 +152,7 @@ def test_what_cannot_be_its_state_is_refused(flown: World, record: str, field: s
 def test_a_state_of_another_vehicle_is_refused(flown: World, change: dict[str, bytes]) -> None:
     part = pilot_of(flown)
     state = part.save()
-    with pytest.raises(ValueError, match="other numbers, or commands other actuators"):
+    with pytest.raises(ValueError, match="saved by another version, or with other actuators"):
         part.check(structs.replace(state, pilot=structs.replace(state.pilot, **change)))
 
 

@@ -13,23 +13,18 @@ import msgspec
 import numpy as np
 from msgspec import UnsetType, structs
 
-from uwserver.actuators import (
-    Devices,
-)
-from uwserver.autopilot.allocation import Allocation, Thrust, Wrench
-from uwserver.autopilot.allocation import Thrusters as ThrusterAllocation
+from uwserver.actuators import Devices
+from uwserver.autopilot.allocation import Allocation, Thrust, thruster_allocation, wrench_allocation
 from uwserver.autopilot.config import AutopilotConfig
-from uwserver.autopilot.craft import Craft, Held, Helm
-from uwserver.autopilot.fins import FinEffect, FinsAndShaft, Shaft
+from uwserver.autopilot.craft import Craft, Dynamics, Held
+from uwserver.autopilot.fins import FinEffect, Shaft, fin_allocation
 from uwserver.autopilot.gains import Gains
-from uwserver.autopilot.hover import Hover
 from uwserver.autopilot.pilot import Autopilot
 from uwserver.autopilot.ports import TEST_TIMEOUT_S, set_points
 from uwserver.autopilot.services import services
 from uwserver.autopilot.sources import Hearing, Source, Surroundings, wanted
 from uwserver.autopilot.state import Six
 from uwserver.autopilot.status import StateSensor
-from uwserver.autopilot.torpedo import Torpedo
 from uwserver.frames import Vec3
 from uwserver.modifiers import WhiteNoise
 from uwserver.physics.dynamics.params import BodyParams, ThrusterParams, shape_rows
@@ -91,14 +86,14 @@ def build_autopilot(
     gains = gains_of(file, config)
     divisor = divisor_of(world.rate_hz, config.rate_hz, RATE_HZ)
     dt = float(divisor / world.rate_hz)
-    holding = _HeldActuators()
-    allocation, helm = _controls(file, params, actuators, holding)
+    holding = _Hands()
+    allocation, dynamics = _controls(file, params, actuators, holding)
     allocation.devices["row"], allocation.devices["full"] = holding.rows, holding.full
     craft = Craft(
         path=path,
         hearing=Hearing(_sources(world, file, name, mounts, ports), _surroundings(world, file, config)),
         allocation=allocation,
-        helm=helm,
+        dynamics=dynamics,
         held=holding.held,
         shares=holding.shares,
         names=tuple(holding.names),
@@ -106,7 +101,6 @@ def build_autopilot(
         gains=gains,
         divisor=divisor,
         dt=dt,
-        flies=isinstance(helm, Torpedo),
         up=_up(params),
         mode=config.mode,
         armed=config.armed,
@@ -252,21 +246,21 @@ class _HeldActuators:
 
 def _controls(
     file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], holding: _HeldActuators
-) -> tuple[Allocation, Helm]:
+) -> tuple[Allocation, Dynamics]:
     inertia = _six(np.diag(params.M_RB + params.M_A))
     tables = commanded_tables(file.actuators.values())
     if {"fins", "propellers"} <= tables:
-        fins = _fins(file, params, actuators, holding)
-        weight = params.weight * params.r_g[2] - params.buoyancy * params.r_b[2]
-        return fins, Torpedo(inertia, weight, fins.reach, fins.shaft)
-    allocation: Allocation
+        allocation, shaft = _fins(file, params, actuators, holding)
+        righting = params.weight * params.r_g[2] - params.buoyancy * params.r_b[2]
+        return allocation, Dynamics(inertia, allocation.reach, righting=righting, shaft=shaft)
     if "thrusters" in tables:
         allocation = _thrusters(file, params, actuators, holding)
     else:
         key = next(k for k, c in file.actuators.items() if c.message == "Wrench")
         holding.hold(actuators[key], [f"{part}.{axis}" for part in ("force", "moment") for axis in "xyz"])
-        allocation = Wrench(_wrench_limits(file, params))
-    return allocation, Hover(inertia, _six(np.diag(params.D_L)), _six(np.diag(params.D_Q)), allocation.reach)
+        allocation = wrench_allocation(_wrench_limits(file, params))
+    linear, quadratic = _six(np.diag(params.D_L)), _six(np.diag(params.D_Q))
+    return allocation, Dynamics(inertia, allocation.reach, linear, quadratic)
 
 
 def _devices(
@@ -301,7 +295,7 @@ def _six(values: FloatArray) -> Six:
 
 def _thrusters(
     file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], holding: _HeldActuators
-) -> ThrusterAllocation:
+) -> Allocation:
     by_name = {thruster.name: _thrust(thruster) for thruster in params.thrusters}
     strongest = max(thrust.curve[-1][1] for thrust in by_name.values())
     groups = [
@@ -312,9 +306,9 @@ def _thrusters(
 
 
 @lru_cache(maxsize=16)
-def _shared_allocation(groups: tuple[tuple[tuple[Thrust, ...], bool], ...]) -> ThrusterAllocation:
+def _shared_allocation(groups: tuple[tuple[tuple[Thrust, ...], bool], ...]) -> Allocation:
     """Return an allocation, which all vehicles alike share, because it has no state."""
-    return ThrusterAllocation(list(groups))
+    return thruster_allocation(groups)
 
 
 @lru_cache(maxsize=128)
@@ -335,7 +329,7 @@ def _wrench_limits(file: VehicleFile, params: BodyParams) -> Six:
 
 def _fins(
     file: VehicleFile, params: BodyParams, actuators: Mapping[str, ActuatorSlot], holding: _HeldActuators
-) -> FinsAndShaft:
+) -> tuple[Allocation, Shaft]:
     fins = [
         _fin(params, f"fins.{name}")
         for _, names in _devices(file, "fins", tuple(file.fins), actuators, holding)
@@ -350,7 +344,7 @@ def _fins(
         holding.hold(actuators[key], (f"propellers.{member}",))
     shaft = _shaft(params, f"propellers.{propellers[0][1]}")
     shaft = replace(shaft, strength=len(propellers) * shaft.strength)
-    return FinsAndShaft(fins, shaft, len(propellers))
+    return fin_allocation(fins, shaft, len(propellers)), shaft
 
 
 def _fin(params: BodyParams, servo: str) -> FinEffect:
