@@ -1,7 +1,7 @@
-"""The autopilot's side of ArduPilot's JSON simulator interface, as strict and as naive as its own reader, for tests and benches.
+"""The autopilot's side of ArduPilot's JSON simulator interface, for tests and benchmarks. It reads exactly as ArduPilot does.
 
-Written after what that reader does: it searches the text for the first place of each name, skips a fixed number of characters behind it,
-and scans numbers there. So a blank behind a colon, a name within an earlier name, or "true" for a number go wrong here as they do there.
+ArduPilot searches the text for the first occurrence of each name, skips a fixed number of characters behind it, and reads numbers there. So a blank
+behind a colon, a name within an earlier name, or "true" for a number fail here as they fail there.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ MAGIC = {16: 18458, 32: 29569}
 _NUMBER = r"[-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?|nan|inf)"
 _SCALAR = re.compile(rf"\s*({_NUMBER})", re.IGNORECASE)
 
-# Section, name, how many numbers, whether a line without it is thrown away: in the order of the reader's table.
+# Section, name, number of numbers, and whether a line without the name is discarded; in the order of ArduPilot's table.
 KEYS: tuple[tuple[str, str, int, bool], ...] = (
     ("", "timestamp", 1, True),
     ("imu", "gyro", 3, True),
@@ -37,14 +37,14 @@ KEYS: tuple[tuple[str, str, int, bool], ...] = (
 
 
 class Misread(Exception):
-    """The autopilot would not take this line, or would take something else from it; the text says what."""
+    """The autopilot would not accept this line, or would read something else in it; the text says what."""
 
 
 def read(buffer: bytes) -> dict[str, tuple[float, ...]]:
-    """What the autopilot takes from what it has received: the text between the last two newlines.
+    """Return what the autopilot reads in the received text: it uses the part between the last two newlines.
 
     Raises:
-        Misread: it takes nothing, stops on the way, or reads a number that ends its filters.
+        Misread: it accepts nothing, stops before the end, or reads a number that makes its filters fail.
     """
     pieces = buffer.split(b"\n")
     if len(pieces) < 3 or pieces[-1]:
@@ -83,21 +83,21 @@ def _find(text: str, section: str, name: str, count: int) -> tuple[float, ...] |
 def servo_packet(
     number: int, pwm: Sequence[int], rate_hz: int = 1200, channels: int = 16, magic: int | None = None
 ) -> bytes:
-    """Frame `number` with these pulse widths (us); outputs beyond them are not driven."""
+    """Return frame `number` with these pulse widths (us); further outputs are not driven."""
     padded = [*pwm, *[0] * (channels - len(pwm))]
     chosen = MAGIC[channels] if magic is None else magic
     return struct.pack(f"<HHI{channels}H", chosen, rate_hz, number, *padded)
 
 
 class ArduPilotPeer:
-    """An autopilot without control loops: it sends frames, and follows the time of the answers as a real one does.
+    """An autopilot without control loops. It sends frames, and follows the time of the answers as a real one does.
 
     Attributes:
         number: of the next frame.
         rate_hz: physics rate that its frames ask for.
         time_s: its own clock.
-        skipped: answers that did not move its clock.
-        resets: answers whose time lay before the last one's.
+        skipped: number of answers that did not advance its clock.
+        resets: number of answers with a time before that of the previous one.
     """
 
     def __init__(self, host: str, port: int, channels: int = 16, rate_hz: int = 1200) -> None:
@@ -112,16 +112,16 @@ class ArduPilotPeer:
         self._socket.connect((host, port))
 
     def send(self, pwm: Sequence[int], number: int | None = None) -> None:
-        """Send a frame, by default the next."""
+        """Send a frame; default: the next one."""
         chosen = self.number if number is None else number
         self._socket.send(servo_packet(chosen, pwm, self.rate_hz, self._channels))
 
     def send_raw(self, data: bytes) -> None:
-        """Send anything."""
+        """Send any bytes."""
         self._socket.send(data)
 
     def receive(self, timeout_s: float) -> bytes | None:
-        """An answer as it came; None when none comes in time."""
+        """Return an answer as it was received; None if none comes in time."""
         self._socket.settimeout(timeout_s)
         try:
             return self._socket.recv(65_000)
@@ -129,7 +129,7 @@ class ArduPilotPeer:
             return None
 
     def take(self, answer: bytes) -> dict[str, tuple[float, ...]]:
-        """Follow an answer; returns what was read."""
+        """Set the clock by an answer, and return what was read."""
         state = read(answer)
         (stamp,) = state["timestamp"]
         step = stamp - self._last_s
@@ -143,10 +143,10 @@ class ArduPilotPeer:
         return state
 
     def exchange(self, pwm: Sequence[int], patience_s: float = 30.0) -> dict[str, tuple[float, ...]]:
-        """One frame and its answer, sent again each second of wall time as long as none comes.
+        """Send a frame and return its answer. The frame is sent again after each second of wall time without an answer.
 
         Raises:
-            TimeoutError: nobody answers.
+            TimeoutError: no answer came.
         """
         for _ in range(max(1, round(patience_s))):
             self.send(pwm)
@@ -156,5 +156,5 @@ class ArduPilotPeer:
         raise TimeoutError(f"no answer to frame {self.number} in {patience_s:g} s")
 
     def close(self) -> None:
-        """Go away."""
+        """Close the socket."""
         self._socket.close()

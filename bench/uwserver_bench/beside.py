@@ -1,4 +1,4 @@
-"""A world in real time beside which pictures are computed: how late its ticks are, and how many of the readings arrive."""
+"""Computation of pictures beside a world in real time: how late the ticks are, and how many readings arrive."""
 
 from __future__ import annotations
 
@@ -54,18 +54,18 @@ rate_hz = 50
 [vehicles.rov.override.sensors.depth]
 rate_hz = 50
 """
-"""15 Hz are no part of 250 Hz: range and overhead let this multibeam ping each 60 ms, 16.7 times a second."""
+"""15 Hz does not divide 250 Hz. With this range and overhead the multibeam pings every 60 ms, 16.7 times per second."""
 
 
 def bench_beside(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """Rows of the part of the report on video.
+    """Return the rows on pictures beside a world, for the part of the report on video.
 
     Args:
         quick: short repeats.
         say: gets a line of progress.
 
     Raises:
-        BenchFailed: no reading came.
+        BenchFailed: no reading arrived.
     """
     repeats, seconds = (1, 2.0) if quick else (5, 10.0)
     late, shares = [], {CAMERA: [0.0] * 0, SONAR: [0.0] * 0}
@@ -84,7 +84,7 @@ def bench_beside(quick: bool, say: Callable[[str], None]) -> list[Row]:
 
 
 def _measure(seconds: float) -> tuple[float, dict[str, float]]:
-    """Lateness p99 in ms, and by port the part of the readings that a client got."""
+    """Return the p99 of the lateness in ms, and for each port the part of its readings that a client received."""
     clock, got = SystemTime(), Counter[str]()
     with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder:
         file = Path(folder, "beside.toml")
@@ -110,7 +110,7 @@ def _measure(seconds: float) -> tuple[float, dict[str, float]]:
 
 
 def _lost(served: Served) -> Counter[str]:
-    """Readings that were not computed in time, by port."""
+    """Return the number of readings that were not computed in time, by port."""
     return Counter(served.ask(STATUS)["value"]["readings_dropped"])
 
 

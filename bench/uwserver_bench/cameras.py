@@ -1,6 +1,6 @@
-"""What pictures cost: a camera in the harbour of the bench, by day, by its lamps, as depth and as ids; processor time of one core.
+"""Cost of pictures in processor time of one core: a camera in a harbour by daylight, with its lamps, as depth picture and as picture of ids.
 
-The scene is that of `sensors.survey`, a seabed of 99 458 triangles, with piles and a wall before the camera.
+The scene is that of `sensors.survey`, a seabed of 99 458 triangles, with piles and a wall in front of the camera.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ CASES: dict[str, tuple[str, float, float | None]] = {
     "depth camera 640 x 480": ("depth", 0.0, DEPTH_BAR_HZ),
     "segmentation 640 x 480": ("ids", 0.0, None),
 }
-"""Sensor, level of the lamps, and the least pictures a second."""
+"""Sensor, level of the lamps, and least number of pictures per second."""
 TABLES = """
 [structures.pile]
 kind = "cylinder"
@@ -53,10 +53,10 @@ mount = "camera"
 
 
 def bench_cameras(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """The part of the report on cameras.
+    """Return the part of the report on cameras.
 
     Args:
-        quick: two pictures each.
+        quick: two pictures of each case.
         say: gets a line of progress.
     """
     from uwserver_bench.sensors import survey
@@ -77,7 +77,7 @@ def bench_cameras(quick: bool, say: Callable[[str], None]) -> list[Row]:
 
 
 def pictures_hz(world: World, name: str) -> float:
-    """Pictures a second of processor time: what is taken along on the tick, and what a worker makes of it."""
+    """Return the number of pictures per second of processor time, of the work in the tick and of the work in a worker thread."""
     sensor: Any = world.sensors[f"rov/{name}"].sensor
     scope = world.instruments.scopes(world.t_ns, False)(world.vehicles["rov"].row, None)
     start = time.thread_time_ns()

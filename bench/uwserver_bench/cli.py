@@ -1,4 +1,4 @@
-"""`uwserver bench`: how fast this machine steps, serves and starts, against the bars and beside the peers."""
+"""The command `uwserver bench`: it measures how fast this machine steps, serves and starts, and compares with the bars and with other programs."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _MODULES = {
     "video": ("video", "beside"),
     "logs": ("logs", "recordings"),
 }
-"""Where a part is not the module of its name."""
+"""The modules of the parts that are not in a module of their own name."""
 Part = Callable[[bool, Callable[[str], None]], "list[Row]"]
 
 
@@ -94,7 +94,7 @@ def bench(
 
 
 def _parts(names: Sequence[str], quick: bool, file: Path | None) -> None:
-    """Measure parts and print the report."""
+    """Measure parts, and print the report."""
     from uwserver_bench.report import Report, machine_facts
 
     machine = machine_facts()
@@ -108,13 +108,13 @@ def _parts(names: Sequence[str], quick: bool, file: Path | None) -> None:
 
 
 def _part(module: str) -> Part:
-    # Imported here, as a listing of all commands needs none of them.
+    # Imported here, because a listing of all commands does not need them.
     found: Part = getattr(importlib.import_module(f"uwserver_bench.{module}"), f"bench_{module}")
     return found
 
 
 def _against(venv: Path, pairs: int | None, minutes: float | None, quick: bool, only: str, file: Path | None) -> int:
-    """Compare with another version and print the report; returns the exit status."""
+    """Compare with another version, and print the report. Returns the exit status."""
     from uwserver_bench.against.compare import MINUTES, PAIRS, QUICK_PAIRS, compare
 
     found = compare(venv, pairs or (QUICK_PAIRS if quick else PAIRS), minutes or MINUTES, quick, only, _say)

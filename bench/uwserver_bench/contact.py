@@ -1,4 +1,4 @@
-"""Whole ticks with contacts: hulls at rest on a large seabed, vehicles far above it, one contact solve; and snapshots."""
+"""Cost of ticks with contacts: hulls at rest on a large seabed, vehicles far above it, and one solution of contacts; also cost of snapshots."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ FAR_BAR = 1.10
 SOLVE_BAR_US = 60.0
 SNAPSHOT_BAR_MS = 1.0
 SETTLE_TICKS = 1200
-"""After 5 s the hulls lie still, but for those on slopes steeper than their friction holds."""
+"""After 5 s the hulls are at rest, except for those on slopes that are too steep for their friction."""
 
 
 def bench_contact(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """The part of the report on contacts.
+    """Return the part of the report on contacts.
 
     Args:
-        quick: short repeats, before anything has settled.
+        quick: short repeats, before the hulls are at rest.
         say: gets a line of progress.
     """
     try:
@@ -77,7 +77,7 @@ def bench_contact(quick: bool, say: Callable[[str], None]) -> list[Row]:
 
 
 def _hull(heavy: float) -> BodyParams:
-    """The size of a small ROV, `heavy` newtons heavier than its water; off-diagonal added mass."""
+    """Return a body of the size of a small ROV, which weighs `heavy` newtons in water, with off-diagonal added mass."""
     M_A = np.diag([6.4, 7.1, 18.7, 0.19, 0.14, 0.22])
     M_A[0, 4] = M_A[4, 0] = 0.5
     D, Q = np.diag([20.0, 20.0, 30.0, 1.0, 1.0, 1.0]), np.diag([140.0, 210.0, 190.0, 1.2, 0.5, 1.5])
@@ -88,7 +88,7 @@ def _hull(heavy: float) -> BodyParams:
 
 
 def _hulls(solids: Solids, count: int) -> World:
-    """Hulls of 32 corners a little above the seabed, 20 m apart, in a world of nothing else."""
+    """Return a world that contains only hulls of 32 corners, a little above the seabed and 20 m apart."""
     hydro = Hydrodynamics([_hull(20.0)] * count, 1.0 / RATE_HZ)
     shape = Solid("hull", (Placed(ConvexHull(pebble())),))
     hydro.state[:] = states_above(0.35)[:count]
@@ -101,7 +101,7 @@ def _hulls(solids: Solids, count: int) -> World:
 
 
 def _far_row(solids: Solids, repeats: int, budget_s: float) -> Row:
-    """A hundred vehicles in open water above the seabed, with its search for contacts and without, in turns."""
+    """Measure a hundred vehicles in open water above the seabed, alternately with and without the search for contacts."""
     vehicles = OpenWater(100)
     shape = Solid("hull", (Placed(ConvexHull(pebble())),))
     for row in range(vehicles.vehicles):
@@ -120,18 +120,18 @@ def _far_row(solids: Solids, repeats: int, budget_s: float) -> Row:
 
 
 class _Same:
-    """Finds the same contacts again and again."""
+    """Returns the same contacts at each call."""
 
     def __init__(self, contacts: Contacts) -> None:
         self._contacts = contacts
 
     def find_contacts(self, state: FloatArray, dt: float) -> Contacts:
-        """Those given."""
+        """Return the given contacts."""
         return self._contacts
 
 
 def _solve_row(repeats: int) -> Row:
-    """What four contacts add to the tick of one body that slides on them, beyond the search."""
+    """Measure what four contacts add to the tick of a body that slides on them, without the search for contacts."""
     hydro = Hydrodynamics([_hull(20.0)], 1.0 / RATE_HZ)
     start = np.zeros((1, 13))
     start[0, Q], start[0, NU], start[0, NU + 5] = 1.0, 0.4, 0.1
@@ -172,7 +172,7 @@ def _snapshot_rows(repeats: int) -> list[Row]:
 
 
 def _timed(work: Callable[[], object], budget_s: float) -> float:
-    """Seconds that one call of the work takes, over as many as fill the budget."""
+    """Return the time of one call, s: the mean over as many calls as fill the budget."""
     clock = SystemTime()
     times, start = 0, clock.now_ns()
     while (clock.now_ns() - start) * 1e-9 < budget_s or times < 3:

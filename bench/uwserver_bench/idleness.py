@@ -1,4 +1,4 @@
-"""How much of the machine others use meanwhile: the bars of lateness hold for an idle machine. Linux; elsewhere nothing is known."""
+"""Measures how much of the machine other processes use, because the bars of lateness hold for an idle machine. Works on Linux only."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from uwserver.simulation.clock import SystemTime
 
 
 class Bystanders:
-    """Processor time of everything but one process, from the moment this is made."""
+    """The processor time of all processes but one, since this object was made."""
 
     def __init__(self, pid: int) -> None:
         self._pid = pid
@@ -18,7 +18,7 @@ class Bystanders:
         self._start = _others_s(pid)
 
     def cores(self) -> float | None:
-        """Mean number of cores that others kept busy since then; None where the system does not tell."""
+        """Return the mean number of cores that other processes used since then; None if the system does not tell."""
         now = _others_s(self._pid)
         if now is None or self._start is None:
             return None
@@ -26,7 +26,7 @@ class Bystanders:
 
 
 def _others_s(pid: int) -> float | None:
-    """Processor seconds since boot of all processes but `pid`."""
+    """Return the processor time of all processes but `pid` since boot, s."""
     try:
         user, nice, system, _, _, irq, softirq, *_ = map(int, Path("/proc/stat").read_text().split()[1:9])
         own = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()

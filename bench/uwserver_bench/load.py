@@ -1,7 +1,7 @@
-"""Plays the clients of a bench, in a process of its own: ``python -m uwserver_bench.load``.
+"""The clients of a benchmark, in a process of their own: ``python -m uwserver_bench.load``.
 
-One task a line on stdin (JSON), one result a line on stdout. Plain sockets and one selector: all clients together must cost little beside
-the server that they measure.
+Each line on stdin is a task (JSON), and each line on stdout a result. The clients use plain sockets and one selector,
+because all of them together must cost little compared with the server that they measure.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from uwserver_bench.rows import quantile
 SUBSCRIBE = b'{"jsonrpc":"2.0","id":0,"method":"subscribe","params":{"pattern":"**"}}\n'
 COMMAND_RATE_HZ = 50.0
 SILENT_BUFFER_BYTES = 4096
-"""A client that never reads must fill up soon."""
+"""A small buffer, so that a client that never reads is full soon."""
 
 _CONNECT_S = 10.0
 _clock = SystemTime()
@@ -28,7 +28,7 @@ _clock = SystemTime()
 
 @dataclass
 class Client:
-    """One connection: bytes of an unfinished line, and when its open request was sent (ns)."""
+    """One connection, with the bytes of an unfinished line, and the time (ns) at which its open request was sent."""
 
     connection: socket.socket
     rest: bytes = b""
@@ -37,7 +37,7 @@ class Client:
     samples: int = 0
 
     def lines(self) -> list[bytes]:
-        """The lines that have come whole.
+        """Return the complete lines that have arrived.
 
         Raises:
             ConnectionError: the server closed the connection.
@@ -49,7 +49,7 @@ class Client:
         return lines
 
     def send(self, request: bytes) -> None:
-        """Send a request and note when."""
+        """Send a request, and note the time."""
         self.sent_ns = _clock.now_ns()
         self.connection.sendall(request)
 
@@ -68,9 +68,9 @@ _PATIENCE_S = 20.0
 
 
 def clients(task: Mapping[str, Any]) -> dict[str, object]:
-    """`active` clients that take all samples and send `request` at 50 Hz, `silent` ones that subscribe and never read, for `seconds`.
+    """Run clients for `seconds`: `active` ones receive all samples and send `request` at 50 Hz; `silent` ones subscribe and never read.
 
-    The silent ones stay connected to the end. Returns samples a second over all active clients, and the latencies of the commands.
+    The silent clients stay connected to the end. Returns samples per second of all active clients together, and the latencies of the commands.
     """
     with contextlib.ExitStack() as stack, selectors.DefaultSelector() as selector:
         for _ in range(task["silent"]):
@@ -82,7 +82,7 @@ def clients(task: Mapping[str, Any]) -> dict[str, object]:
         request = task["request"].encode() + b"\n"
         start = _clock.now_ns()
         end, turn = start + int(task["seconds"] * 1e9), 0
-        gap = int(1e9 / (COMMAND_RATE_HZ * len(active)))  # they take turns, so that commands come evenly
+        gap = int(1e9 / (COMMAND_RATE_HZ * len(active)))  # clients take turns, so that commands are evenly spaced
         while (now := _clock.now_ns()) < end:
             if now >= start + turn * gap:
                 active[turn % len(active)].send(request)
@@ -108,7 +108,7 @@ def _take(client: Client) -> None:
 
 
 def calls(task: Mapping[str, Any]) -> dict[str, object]:
-    """`connections` that each send `request`, wait for its reply and send it again, for `seconds`: rate and latency of replies."""
+    """Run `connections` for `seconds`. Each sends `request`, waits for the reply and sends it again. Returns rate and latency of the replies."""
     with contextlib.ExitStack() as stack, selectors.DefaultSelector() as selector:
         everyone = [Client(stack.enter_context(_connect(task))) for _ in range(task["connections"])]
         request = task["request"].encode() + b"\n"
@@ -118,9 +118,7 @@ def calls(task: Mapping[str, Any]) -> dict[str, object]:
         start = now = _clock.now_ns()
         end, patience = start + int(task["seconds"] * 1e9), start + int(_PATIENCE_S * 1e9)
         answered = False
-        while now < end or (
-            not answered and now < patience
-        ):  # a busy machine may not get to the first within a short time
+        while now < end or (not answered and now < patience):  # on a busy machine the first reply may take longer
             for key, _ in selector.select(0.5):
                 client = key.data
                 for line in client.lines():

@@ -1,4 +1,4 @@
-"""What reading logs costs, in processor time of one core: telemetry, logs of MOOS, and the contents of a large MCAP file."""
+"""Cost of reading logs in processor time of one core: telemetry logs, logs of MOOS, and the contents of a large MCAP file."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _CHANNELS = 50
 
 
 def bench_logs(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """The part of the report on logs.
+    """Return the part of the report on logs.
 
     Args:
-        quick: two repeats of short files.
+        quick: two repeats with short files.
         say: gets a line of progress.
     """
     repeats = 2 if quick else 5
@@ -33,7 +33,7 @@ def bench_logs(quick: bool, say: Callable[[str], None]) -> list[Row]:
         tlog = _tlog(Path(folder) / "a.tlog", 2_000 if quick else 60_000)
         alog = _alog(Path(folder) / "a.alog", 10_000 if quick else 1_000_000)
         mcap = _mcap(Path(folder) / "a.mcap", 10 if quick else 1000)
-        open_log(tlog).close()  # the dialect is imported once
+        open_log(tlog).close()  # imports the dialect, which happens only once
         say("logs: reading them")
         return [
             Row("logs", "messages of a .tlog, all fields", "1/s", tuple(_rate(tlog) for _ in range(repeats)), at_least=TLOG_BAR),
@@ -62,7 +62,7 @@ def _contents_s(file: Path) -> float:
 
 
 def _tlog(file: Path, count: int) -> Path:
-    """Six messages, as often as each other: small ones, one with arrays, one with text."""
+    """Write a log of six messages, each equally often: small ones, one with arrays, one with text."""
     os.environ.setdefault("MAVLINK20", "1")
     m: Any = importlib.import_module("pymavlink.dialects.v20.ardupilotmega")
     link = m.MAVLink(None, srcSystem=1, srcComponent=1)
@@ -81,7 +81,7 @@ def _tlog(file: Path, count: int) -> Path:
 
 
 def _alog(file: Path, count: int) -> Path:
-    """Four numbers and a text, in turn."""
+    """Write a log of four numbers and a text, in turn."""
     with file.open("w", encoding="utf-8") as out:
         out.write("%% LOGSTART           1760000000.0\n")
         for k in range(count // 5):
@@ -92,7 +92,7 @@ def _alog(file: Path, count: int) -> Path:
 
 
 def _mcap(file: Path, megabytes: int) -> Path:
-    """Channels in turn, in chunks as our recorder makes them."""
+    """Write a file of several channels in turn, in chunks as our recorder makes them."""
     from mcap.writer import CompressionType, Writer
 
     with file.open("wb") as out:

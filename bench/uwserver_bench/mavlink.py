@@ -1,4 +1,4 @@
-"""The vehicle mode of MAVLink: what ground stations cost, and how fast they get the parameters."""
+"""The vehicle mode of MAVLink: cost of ground stations, and how fast they get the parameters."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ origin_deg = [63.44, 10.39]
 
 
 def bench_mavlink(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """The mavlink part of the report.
+    """Return the part of the report on MAVLink.
 
     Args:
         quick: one short repeat.
         say: gets a line of progress.
 
     Raises:
-        BenchFailed: the server did not do its part.
+        BenchFailed: the server did not work as expected.
     """
     name = f"{STATIONS} ground stations at the rates of QGroundControl: added share of a core"
     if find_spec("pymavlink") is None:
@@ -78,7 +78,7 @@ def bench_mavlink(quick: bool, say: Callable[[str], None]) -> list[Row]:
 
 @contextlib.contextmanager
 def _serving() -> Iterator[tuple[Served, int]]:
-    """A server, and the UDP port where it waits for ground stations."""
+    """Start a server. Yields it and its UDP port for ground stations."""
     with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder:
         scenario = Path(folder) / "mavlink.toml"
         scenario.write_text(_SCENARIO, encoding="utf-8")
@@ -89,7 +89,7 @@ def _serving() -> Iterator[tuple[Served, int]]:
 
 @contextlib.contextmanager
 def _stations(port: int) -> Iterator[list[MavlinkPeer]]:
-    """Ground stations that have asked for telemetry."""
+    """Start ground stations that have asked for telemetry."""
     with contextlib.ExitStack() as stack:
         peers = [stack.enter_context(contextlib.closing(MavlinkPeer(port, 255 - k))) for k in range(STATIONS)]
         for peer in peers:
@@ -100,7 +100,7 @@ def _stations(port: int) -> Iterator[list[MavlinkPeer]]:
 
 
 def _listen(peers: Sequence[MavlinkPeer], seconds: float) -> int:
-    """Messages that all of them heard in this time; each says once a second that it is there."""
+    """Return the number of messages that all ground stations received in this time. Each sends a heartbeat once per second."""
     clock, heard = SystemTime(), 0
     end = clock.now_ns() + int(seconds * 1e9)
     beat_at = 0
@@ -118,7 +118,7 @@ def _listen(peers: Sequence[MavlinkPeer], seconds: float) -> int:
 
 
 def _download(peer: MavlinkPeer) -> float:
-    """Parameters a second, until all have come."""
+    """Download all parameters, and return their number per second."""
     clock = SystemTime()
     start = clock.now_ns()
     peer.ask_for_parameters()
@@ -134,7 +134,7 @@ def _download(peer: MavlinkPeer) -> float:
 
 
 def _share(pid: int, work: Callable[[], object]) -> float:
-    """Per cent of a core that a process uses while the work is done."""
+    """Return the part of a core that a process uses during some work, in per cent."""
     clock = SystemTime()
     start_ns, start_s = clock.now_ns(), _cpu_s(pid)
     work()

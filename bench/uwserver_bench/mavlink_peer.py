@@ -1,4 +1,4 @@
-"""A ground station for measuring: as little of MAVLink as it needs, and written apart from the adapter."""
+"""A ground station for measurements. It has only as much of MAVLink as it needs, and shares no code with the adapter."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import socket
 import struct
 
 _EXTRA = {0: 50, 21: 159, 66: 148}
-"""What guards the definition of each message that is sent: HEARTBEAT, PARAM_REQUEST_LIST, REQUEST_DATA_STREAM."""
+"""CRC_EXTRA of each message that is sent: HEARTBEAT, PARAM_REQUEST_LIST, REQUEST_DATA_STREAM."""
 _STREAMS = ((1, 2), (2, 2), (3, 2), (6, 3), (10, 20), (11, 10), (12, 3))
-"""Group and rate (Hz), as QGroundControl asks for them from a submarine."""
+"""Group and rate (Hz) of the streams that QGroundControl requests from a submarine."""
 _HEAD, _CHUNK = 10, 4096
 
 
@@ -18,7 +18,7 @@ class MavlinkPeer:
 
     Args:
         port: of the server, on loopback.
-        system: its number.
+        system: its system number.
     """
 
     PARAM_VALUE = 22
@@ -32,24 +32,24 @@ class MavlinkPeer:
         self._socket.setblocking(False)
 
     def fileno(self) -> int:
-        """For a selector."""
+        """Return the file descriptor, for a selector."""
         return self._socket.fileno()
 
     def beat(self) -> None:
-        """Say that it is there."""
+        """Send a heartbeat."""
         self._send(0, struct.pack("<IBBBBB", 0, 6, 8, 0, 4, 3))
 
     def ask_for_streams(self) -> None:
-        """Ask for telemetry."""
+        """Request telemetry."""
         for group, rate in _STREAMS:
             self._send(66, struct.pack("<HBBBB", rate, 1, 1, group, 1))
 
     def ask_for_parameters(self) -> None:
-        """Ask for all parameters."""
+        """Request all parameters."""
         self._send(21, bytes((1, 1)))
 
     def read(self, timeout_s: float = 0.0) -> list[tuple[int, bytes]]:
-        """Numbers and payloads of the messages that have come; waits for the first no longer than `timeout_s`."""
+        """Return numbers and payloads of the messages that have arrived. Waits at most `timeout_s` for the first one."""
         found: list[tuple[int, bytes]] = []
         if timeout_s:
             self._socket.settimeout(timeout_s)
@@ -63,12 +63,12 @@ class MavlinkPeer:
 
     @staticmethod
     def count_and_index(payload: bytes) -> tuple[int, int]:
-        """Of a PARAM_VALUE."""
+        """Return the count and the index in a PARAM_VALUE."""
         count, index = struct.unpack_from("<HH", payload.ljust(25, b"\0"), 4)
         return int(count), int(index)
 
     def close(self) -> None:
-        """End it."""
+        """Close the socket."""
         self._socket.close()
 
     def _send(self, id: int, payload: bytes) -> None:

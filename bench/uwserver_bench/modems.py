@@ -1,6 +1,6 @@
-"""What modems cost: a tick while they are silent, and a packet from its sending to the last modem that hears it.
+"""Cost of modems: of a tick while they are silent, and of a packet from its sending until the last modem has received it.
 
-In processor time of the thread that does it all. What a tick costs without modems is taken off, measured beside it in turns.
+Measured in processor time of the only thread. The cost of a tick without modems is measured alternately, and subtracted.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from uwserver_bench.rows import Row
 VEHICLES, SPACING_M, DEPTH_M = 20, 150.0, 20.0
 IDLE_BAR_US, PACKET_BAR_US = 5.0, 1000.0
 SECONDS_A_PACKET = 3
-"""In which it has passed everybody."""
+"""Time in which a packet has passed all modems."""
 
 
 def bench_modems(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """The part of the report on modems.
+    """Return the part of the report on modems.
 
     Args:
         quick: two short repeats.
@@ -32,14 +32,14 @@ def bench_modems(quick: bool, say: Callable[[str], None]) -> list[Row]:
     repeats, seconds, packets = (2, 1, 2) if quick else (7, 10, 20)
     without, silent = fleet(with_modems=False), fleet()
     idle, each = [], []
-    for repeat in range(-1, repeats):  # the first warms up
+    for repeat in range(-1, repeats):  # the first one is a warm-up
         say(f"modems: repeat {max(repeat, 0) + 1} of {repeats}")
-        for world in (without, silent):  # at the same place: what a tick costs follows from the motion
+        for world in (without, silent):  # at the same place, because the cost of a tick depends on the motion
             world.call("world/reset")
         base, quiet = _tick_us(without, seconds), _tick_us(silent, seconds)
         spoken = _packet_us(silent, packets, quiet)
         if repeat >= 0:
-            # Zero is less than what two measurements differ by.
+            # Two measurements differ by more than this, so the difference may be negative.
             idle.append(max(0.0, quiet - base))
             each.append(max(0.0, spoken) / (VEHICLES - 1))
     return [
@@ -51,7 +51,7 @@ def bench_modems(quick: bool, say: Callable[[str], None]) -> list[Row]:
 
 
 def fleet(with_modems: bool = True) -> World:
-    """Vehicles in a row, without other sensors."""
+    """Return a world of vehicles in a row that have no other sensors."""
     off = {"sensors": {name: {"enabled": False} for name in ("imu", "pressure", "depth")}}
     vehicles = {}
     for k in range(VEHICLES):
@@ -66,7 +66,7 @@ def fleet(with_modems: bool = True) -> World:
 
 
 def _tick_us(world: World, seconds: int) -> float:
-    """Of a tick in which nobody says anything."""
+    """Return the time of a tick in which no modem sends, us."""
     ticks = round(seconds * world.rate_hz)
     start = time.thread_time_ns()
     for _ in range(ticks):
@@ -75,7 +75,7 @@ def _tick_us(world: World, seconds: int) -> float:
 
 
 def _packet_us(world: World, packets: int, quiet_us: float) -> float:
-    """Of a broadcast, beyond ticks in which nobody says anything."""
+    """Return the time of a broadcast beyond that of ticks in which no modem sends, us."""
     ticks = round(SECONDS_A_PACKET * world.rate_hz)
     start = time.thread_time_ns()
     for k in range(packets):

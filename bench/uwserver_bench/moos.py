@@ -1,5 +1,5 @@
-"""The embedded MOOSDB: throughput, latency of NAV_*, fan-out to many clients, and warp 20, each beside a running vehicle; and throughput of the
-MOOSDB of MOOS-IvP, where the environment variable UWSERVER_MOOS_BIN names its folder."""
+"""The embedded MOOSDB: throughput, latency of NAV_*, fan-out to many clients, and warp 20, each with a running vehicle. For comparison the
+throughput of the MOOSDB of MOOS-IvP, if the environment variable UWSERVER_MOOS_BIN names its folder."""
 
 from __future__ import annotations
 
@@ -58,14 +58,14 @@ publish = []
 
 
 def bench_moos(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """The moos part of the report.
+    """Return the part of the report on MOOS.
 
     Args:
         quick: one short repeat of each.
         say: gets a line of progress.
 
     Raises:
-        BenchFailed: a process did not do its part.
+        BenchFailed: a process did not work as expected.
     """
     warm()
     repeats, seconds = (1, 0.5) if quick else (3, 3.0)
@@ -109,7 +109,7 @@ def bench_moos(quick: bool, say: Callable[[str], None]) -> list[Row]:
 
 @contextlib.contextmanager
 def _serving(speed: float) -> Iterator[Traced]:
-    """A vehicle, an embedded MOOSDB, and a trace of the ticks, on free loopback ports."""
+    """Start a server with a vehicle, an embedded MOOSDB and a trace of the ticks, on free loopback ports."""
     with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder:
         scenario, trace = Path(folder) / "moos.toml", str(Path(folder) / "trace")
         scenario.write_text(_SCENARIO.format(rate=RATE_HZ, speed=speed), encoding="utf-8")
@@ -128,7 +128,7 @@ def _serving(speed: float) -> Iterator[Traced]:
 
 
 def _their_rates(load: Load, repeats: int, seconds: float) -> tuple[float, ...]:
-    """Doubles a second through a real MOOSDB; none where there is no such program."""
+    """Return doubles per second through a real MOOSDB; nothing if there is no such program."""
     folder = os.environ.get(VARIABLE)
     program = Path(folder).resolve() / "MOOSDB" if folder else None
     if program is None or not program.is_file():

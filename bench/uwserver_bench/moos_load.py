@@ -1,4 +1,4 @@
-"""Plays the clients of `uwserver bench moos`, in a process of its own: ``python -m uwserver_bench.moos_load``, told as `uwserver_bench.load`."""
+"""The clients of `uwserver bench moos`, in a process of their own: ``python -m uwserver_bench.moos_load``. Its tasks are as of `load`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from uwserver_bench.rows import quantile
 from uwserver_bench.traced import TICKS, open_trace
 
 TOGETHER = 20
-"""Doubles in a packet."""
+"""Number of doubles in a packet."""
 IN_FLIGHT = 4000
 _clock = SystemTime()
 
@@ -22,7 +22,7 @@ Task = Mapping[str, Any]
 
 
 def flow(task: Task) -> dict[str, object]:
-    """One client writes doubles as fast as another hears them, for `seconds`; returns doubles a second that were heard."""
+    """Let one client write doubles as fast as another receives them, for `seconds`. Returns the received doubles per second."""
     names = [f"FLOW_{k}" for k in range(TOGETHER)]
     with _peers(task, 2) as (writer, reader):
         reader.hear("FLOW_*")
@@ -38,7 +38,7 @@ def flow(task: Task) -> dict[str, object]:
 
 
 def navigation(task: Task) -> dict[str, object]:
-    """Hear NAV_* for `seconds`: p99 time (s) from the end of the tick that gave a position out to the client, and sets a second."""
+    """Receive NAV_* for `seconds`. Returns the p99 time (s) from the end of a tick until the client has its position, and the sets per second."""
     ends, late = open_trace(task["trace"]), []
     with _peers(task, 1) as (reader,):
         reader.hear("NAV_X")
@@ -49,17 +49,17 @@ def navigation(task: Task) -> dict[str, object]:
             for at_ns, key, number in reader.receive(0.1):
                 if key == b"NAV_X":
                     has_position = True
-                elif has_position:  # the time comes last in each packet
+                elif has_position:  # the time is the last in each packet
                     has_position = False
                     late.append((at_ns - int(ends[round(number * task["rate_hz"]) % TICKS])) * 1e-9)
-    late = late[5:]  # the database keeps a set from before we came
+    late = late[5:]  # the database keeps a set from before the client registered
     if not late:
         raise ValueError("no position came")
     return {"p99_s": quantile(late, 0.99), "per_s": len(late) / task["seconds"]}
 
 
 def crowd(task: Task) -> dict[str, object]:
-    """`clients` hear what one writes at a steady pace, so that `per_s` notifications go out; returns how many came a second."""
+    """Let `clients` receive what one client writes at a steady rate, so that `per_s` notifications are sent. Returns how many arrived per second."""
     count = task["clients"]
     names = [f"CROWD_{k}" for k in range(TOGETHER)]
     period = int(1e9 * TOGETHER * count / task["per_s"])
@@ -81,7 +81,7 @@ def crowd(task: Task) -> dict[str, object]:
 @contextlib.contextmanager
 def _peers(task: Task, count: int) -> Any:
     with contextlib.ExitStack() as stack:
-        # The database may not have noticed yet that those of the task before are gone.
+        # The database may not have noticed yet that the clients of the previous task have gone.
         names = [f"bench{_clock.now_ns()}_{k}" for k in range(count)]
         yield [stack.enter_context(contextlib.closing(MoosPeer(task["address"], name))) for name in names]
 

@@ -1,4 +1,4 @@
-"""A MOOS client for measuring: as little as the wire needs, and written apart from the adapters."""
+"""A MOOS client for measurements. It has only as much of the protocol as it needs, and shares no code with the adapters."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class MoosPeer:
 
     Args:
         address: ``host:port`` of a MOOSDB.
-        name: under which it is known there.
+        name: its name there.
 
     Raises:
-        ConnectionError: the database refused it.
+        ConnectionError: the database refused the connection.
     """
 
     def __init__(self, address: str, name: str) -> None:
@@ -39,23 +39,23 @@ class MoosPeer:
             raise ConnectionError(f"{name} was not welcomed: {answer!r}")
 
     def fileno(self) -> int:
-        """For a selector."""
+        """Return the file descriptor, for a selector."""
         return self._socket.fileno()
 
     def hear(self, pattern: str) -> None:
-        """Register for all variables that match."""
+        """Register for all variables that match a pattern."""
         text = f"AppPattern=*,VarPattern={pattern},Interval=0".encode()
         self._socket.sendall(_packet([_message(b"*S", self._name, -1.0, text, self._name)]))
 
     def write(self, pairs: Iterable[tuple[str, float]]) -> None:
-        """Write doubles, in one packet."""
+        """Write doubles in one packet."""
         self._socket.sendall(_packet([_message(b"ND", key.encode(), value, b"", self._name) for key, value in pairs]))
 
     def receive(self, timeout_s: float) -> list[tuple[int, bytes, float]]:
-        """Notifications of doubles and others: monotonic time (ns) at which they were here, variable, number.
+        """Return the notifications that have arrived: monotonic time of the arrival (ns), variable, number.
 
         Raises:
-            ConnectionError: the database ended the connection.
+            ConnectionError: the database closed the connection.
         """
         self._socket.settimeout(max(timeout_s, 1e-4))
         try:
@@ -73,7 +73,7 @@ class MoosPeer:
         return found
 
     def close(self) -> None:
-        """End it."""
+        """Close the connection."""
         self._socket.close()
 
 
@@ -89,7 +89,7 @@ def _packet(messages: list[bytes]) -> bytes:
 
 
 def _mail(data: bytes) -> Iterator[tuple[bytes, float]]:
-    """Variable and number of each notification of a packet."""
+    """Return variable and number of each notification in a packet."""
     at = _PACKET.size
     while at < len(data):
         (size,) = _LENGTH.unpack_from(data, at)

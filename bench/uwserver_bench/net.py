@@ -1,4 +1,4 @@
-"""The network edge: latency, throughput and cost of each transport against a traced server, and what faults do to it."""
+"""The network: latency, throughput and cost of each transport, with a server that records a trace; and effects of faults."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SAMPLE_P50_BAR_MS, ZENOH_SAMPLE_P50_BAR_MS = 0.5, 0.6
 FLOW_BARS = {"TCP msgpack": 50_000.0, "zenoh": 20_000.0}
 CROWDS = (1, 10, 50)
 SHARED = 0.7
-"""Of the clients that an encoding serves once all have subscribed, how many at least over the whole measurement."""
+"""Least part of the clients that must be served over the whole measurement."""
 FLOW_CLIENTS = 10
 SLOW_CLIENTS = 10
 SETTLE_S = 1.0
@@ -42,7 +42,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Length:
-    """How long and how often is measured."""
+    """Duration and number of the measurements."""
 
     repeats: int
     seconds: float
@@ -54,14 +54,14 @@ FULL, QUICK = Length(3, 2.0, 10.0, 10), Length(1, 0.4, 0.5, 2)
 
 
 def bench_net(quick: bool, say: Say) -> list[Row]:
-    """The net part of the report.
+    """Return the part of the report on the network.
 
     Args:
         quick: one short repeat of each.
         say: gets a line of progress.
 
     Raises:
-        BenchFailed: a process did not do its part.
+        BenchFailed: a process did not work as expected.
     """
     warm()
     length = QUICK if quick else FULL
@@ -80,7 +80,7 @@ def _wires() -> list[str]:
 
 
 def _latencies(load: Load, length: Length, say: Say) -> list[Row]:
-    """One client; transports in turns on one server."""
+    """Measure latencies of one client, with all transports in turn on one server."""
     figures: dict[tuple[str, str], list[float]] = {}
     with tracing() as traced:
         for repeat in range(length.repeats):
@@ -109,7 +109,7 @@ def _latencies(load: Load, length: Length, say: Say) -> list[Row]:
 
 
 def _flows(load: Load, length: Length, say: Say) -> list[Row]:
-    """Free-running server, every sample to ten clients; for zenoh to one, whose own decoding is the limit."""
+    """Measure a free-running server that sends every sample to ten clients. With zenoh to one client, whose decoding is the limit."""
     rows = []
     for wire, bar in FLOW_BARS.items():
         clients = 1 if wire == "zenoh" else FLOW_CLIENTS
@@ -130,14 +130,16 @@ def _flows(load: Load, length: Length, say: Say) -> list[Row]:
 
 
 def _crowds(load: Load, length: Length, say: Say) -> list[Row]:
-    """Processor time of the server a sample sent, beyond that of the server alone: encoding is shared, so it falls with the clients."""
+    """Measure the processor time of the server for a sent sample, beyond that of the server alone. Clients share the encoding of a sample."""
     cost: dict[int, list[float]] = {count: [] for count in CROWDS}
     shared: dict[int, list[float]] = {count: [] for count in CROWDS}
     late: list[float] = []
     for repeat in range(length.repeats):
         say(f"net: {', '.join(map(str, CROWDS))} clients, repeat {repeat + 1} of {length.repeats}")
         with tracing() as traced:
-            SystemTime().wait(SETTLE_S, Event())  # what a server does once, at its start, is no client's cost
+            SystemTime().wait(
+                SETTLE_S, Event()
+            )  # until the server has finished what it does once at its start, which is not a cost of the clients
             alone = _processor_share(traced, lambda: SystemTime().wait(length.seconds, Event()))
             for count in CROWDS:
                 received = 0
@@ -173,13 +175,13 @@ def _crowds(load: Load, length: Length, say: Say) -> list[Row]:
 
 
 def _adapter(traced: Traced, name: str) -> dict[str, Any]:
-    """Its part of world/status."""
+    """Return the status of the adapter in world/status."""
     stats: dict[str, Any] = traced.served.ask(STATUS)["value"]["adapters"][name]
     return stats
 
 
 def _processor_share(traced: Traced, work: Callable[[], None]) -> float | None:
-    """Cores that the server used during `work`."""
+    """Return how many cores the server used during `work`."""
     clock = SystemTime()
     before, start = traced.processor_s(), clock.now_ns()
     work()
@@ -188,7 +190,7 @@ def _processor_share(traced: Traced, work: Callable[[], None]) -> float | None:
 
 
 def _stopped_reader(load: Load, length: Length, say: Say) -> list[Row]:
-    """Ten clients of one process are stopped while an eleventh goes on."""
+    """Stop the process of ten clients, while an eleventh client continues."""
     say("net: a process of ten clients is stopped")
     with tracing() as traced, loading(_LOAD) as others:
         place = traced.place("TCP msgpack")
@@ -241,7 +243,7 @@ def _reconnects(load: Load, length: Length, say: Say) -> list[Row]:
 
 
 def _router_restart(load: Load, length: Length, say: Say) -> list[Row]:
-    """Server and client know each other by a router alone; it is killed, and started again."""
+    """Kill the router that connects server and client, and start it again."""
     name = "zenoh: killed router started again (its own start included) to the first sample"
     if not HAS_ZENOH:
         return [Row("net", name, "s", (), at_most=RECONNECT_BAR_S, note=NO_ZENOH)]

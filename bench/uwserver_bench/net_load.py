@@ -1,7 +1,7 @@
-"""Plays the clients of `uwserver bench net`, in a process of its own: ``python -m uwserver_bench.net_load``.
+"""The clients of `uwserver bench net`, in a process of their own: ``python -m uwserver_bench.net_load``.
 
-One task a line on stdin (JSON), one result a line on stdout, as `uwserver_bench.load`. Times are compared with the server's trace: both
-processes read one monotonic clock.
+Tasks and results are lines on stdin and stdout, as of `uwserver_bench.load`. Times can be compared with the trace of the server, because both
+processes read the same monotonic clock.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ WRENCH, THRUSTERS = "rov/truth/wrench", "rov/thrusters"
 PATIENCE_S = 10.0
 _SETTLE_S = 0.3
 _GOLDEN = 0.6180339887
-"""Commands come at phases of the tick that this spreads evenly."""
+"""Multiples of the golden ratio spread the commands evenly over the phase of the tick."""
 _clock = SystemTime()
 
 Task = Mapping[str, Any]
 
 
 def commands(task: Task) -> dict[str, object]:
-    """Command a thruster vector, wait for the reply and for the first wrench that shows it; again, for `seconds`.
+    """For `seconds`, command a thruster vector, then wait for the reply and for the first wrench that shows the command.
 
-    Returns the p99 (s) from before the command is sent to the end of the tick in which it acts (`p99_s`), and to the sample that shows it in
-    the client's hands (`seen_p99_s`).
+    Returns the p99 (s) of the time from before the sending to the end of the tick in which the command acts (`p99_s`), and to the arrival of the
+    sample that shows it (`seen_p99_s`).
 
     Raises:
-        ValueError: a wrench of the tick after the command's did not change.
+        ValueError: the wrench did not change in the tick after the command.
     """
     ends, rate_hz = open_trace(task["trace"]), task["rate_hz"]
     acted: list[float] = []
@@ -62,7 +62,7 @@ def commands(task: Task) -> dict[str, object]:
 
 
 def _first(peer: Peer, seen: list[Message], applied_ns: int) -> Message:
-    """The first wrench of a tick that began at or after the command's."""
+    """Return the first wrench of a tick that began at or after the tick of the command."""
     end = _clock.now_ns() + int(PATIENCE_S * 1e9)
     while _clock.now_ns() < end:
         for message in seen:
@@ -73,7 +73,7 @@ def _first(peer: Peer, seen: list[Message], applied_ns: int) -> Message:
 
 
 def samples(task: Task) -> dict[str, object]:
-    """Take all samples for `seconds`: time (s) from the end of the tick that gave each out to the client."""
+    """Receive all samples for `seconds`. Returns for each the time (s) from the end of its tick to the arrival."""
     ends = open_trace(task["trace"])
     rate_hz = task["rate_hz"]
     late: list[float] = []
@@ -92,7 +92,7 @@ def samples(task: Task) -> dict[str, object]:
 
 
 def readings(task: Task) -> dict[str, object]:
-    """Call world/status, one at a time, for `seconds`: time to each reply (s)."""
+    """Call world/status again and again for `seconds`. Returns the time to each reply (s)."""
     late = []
     with contextlib.closing(_peer(task)) as peer:
         end = _clock.now_ns() + int(task["seconds"] * 1e9)
@@ -103,7 +103,7 @@ def readings(task: Task) -> dict[str, object]:
 
 
 def flow(task: Task) -> dict[str, object]:
-    """`clients` take all samples that fit `pattern` for `seconds`; returns samples a second over all of them."""
+    """Let `clients` receive all samples that match `pattern` for `seconds`. Returns samples per second of all clients together."""
     with contextlib.ExitStack() as stack:
         peers = [stack.enter_context(contextlib.closing(_peer(task))) for _ in range(task["clients"])]
         for peer in peers:
@@ -116,7 +116,7 @@ def flow(task: Task) -> dict[str, object]:
 
 
 def _count(peers: Sequence[Peer], seconds: float) -> tuple[int, int]:
-    """Samples that came to all of them, and how many of these are the megabyte."""
+    """Return the number of samples that arrived at all clients, and how many of them are the megabyte."""
     end, count, large = _clock.now_ns() + int(seconds * 1e9), 0, 0
     with selectors.DefaultSelector() as selector:
         for peer in peers:
@@ -135,7 +135,7 @@ def _count(peers: Sequence[Peer], seconds: float) -> tuple[int, int]:
 
 
 def reconnect(task: Task) -> dict[str, object]:
-    """A client that subscribes vanishes and comes again, `times`: the longest time (s) from its end to a sample at the new one."""
+    """Let a subscribed client disconnect and come back, `times`. Returns the longest time (s) from its end to the first sample of the new client."""
     worst = 0.0
     for _ in range(task["times"]):
         peer = _peer(task)
@@ -149,7 +149,7 @@ def reconnect(task: Task) -> dict[str, object]:
 
 
 def outage(task: Task) -> dict[str, object]:
-    """Subscribe and say so on stdout; then, once samples stay away for `silence_s` and come again: the time (ns) of the first that came."""
+    """Subscribe, report it on stdout, and wait until samples fail for `silence_s` and return. Returns the time (ns) of the first that came back."""
     with contextlib.closing(_peer(task)) as peer:
         ask(peer, "subscribe", pattern=task["pattern"])
         last = _next_sample(peer)

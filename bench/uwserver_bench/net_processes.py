@@ -1,4 +1,4 @@
-"""Processes of `uwserver bench net`: a server with a trace of its ticks, and a zenoh router that can be killed."""
+"""The processes of `uwserver bench net`: a server with a trace of its ticks, and a zenoh router that can be killed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from uwserver_bench.processes import BenchFailed, Served, processor_s, stop
 WIRE_ADDRESS: Mapping[str, str] = {
     "TCP JSON": "tcp", "TCP msgpack": "tcp", "WebSocket": "tcp", "UDP": "udp", "zenoh": "zenoh",
 }  # fmt: skip
-"""Under which name the server tells the address of each transport."""
+"""Names under which the server lists the address of each transport."""
 RATE_HZ = 250
 HAS_ZENOH = importlib.util.find_spec("zenoh") is not None
 NO_ZENOH = "not measured: pip install uwserver"
@@ -43,7 +43,7 @@ position_ned_m = [0.0, 0.0, 20.0]
 [vehicles.rov.truth]
 rate_hz = {RATE_HZ}.0
 
-# The rates of the vehicle file divide 240 Hz; these are the nearest that divide {RATE_HZ} Hz.
+# The rates of the vehicle file divide 240 Hz. These are the nearest rates that divide {RATE_HZ} Hz.
 [vehicles.rov.override.sensors]
 imu = {{ rate_hz = 125.0 }}
 pressure = {{ rate_hz = 50.0 }}
@@ -66,14 +66,14 @@ truth = true
 
 @dataclass(frozen=True)
 class Traced:
-    """A running server: its addresses by name, its trace file, and how to ask it."""
+    """A running server, with its addresses by name, its trace file, and a connection for requests."""
 
     addresses: Mapping[str, str]
     trace: str
     served: Served
 
     def place(self, wire: str) -> dict[str, object]:
-        """What a task of the load process must know to reach it."""
+        """Return the arguments with which a task of the load process reaches it."""
         return {
             "wire": wire,
             "address": self.addresses[WIRE_ADDRESS[wire]],
@@ -82,21 +82,21 @@ class Traced:
         }
 
     def processor_s(self) -> float | None:
-        """Processor time that its threads have used; None where the system does not tell."""
+        """Return the processor time that its threads have used, s; None if the system does not tell."""
         return processor_s(self.served.pid)
 
 
 @contextlib.contextmanager
 def tracing(mode: str = "realtime", router: str = "", megabyte: bool = False) -> Iterator[Traced]:
-    """A server on free loopback ports, sockets and (if installed) zenoh, for as long as the context is open.
+    """Run a server on free loopback ports, with sockets and (if installed) zenoh, while the context is open.
 
     Args:
         mode: of its clock.
-        router: endpoint of a zenoh router that it is a client of; else it is a peer that listens.
-        megabyte: with a sensor of that size at 10 Hz.
+        router: endpoint of a zenoh router to which it connects; without one it listens as a peer.
+        megabyte: whether it has a sensor with samples of a megabyte at 10 Hz.
 
     Raises:
-        BenchFailed: it did not come up.
+        BenchFailed: it did not start.
     """
     way = f'mode = "client"\nconnect = ["{router}"]\n' if router else 'listen = ["tcp/127.0.0.1:0"]\n'
     text = _SCENARIO % mode + (_ZENOH + way if HAS_ZENOH else "")
@@ -106,10 +106,10 @@ def tracing(mode: str = "realtime", router: str = "", megabyte: bool = False) ->
 
 @contextlib.contextmanager
 def traced_server(text: str, *options: str) -> Iterator[Traced]:
-    """A server of a scenario with an adapter `tcp` of sockets, for as long as the context is open; options as `traced` takes them.
+    """Run a server of a scenario with an adapter `tcp` of sockets, while the context is open. Options are those of `traced`.
 
     Raises:
-        BenchFailed: it did not come up.
+        BenchFailed: it did not start.
     """
     with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder:
         scenario, trace = Path(folder) / "net.toml", str(Path(folder) / "trace")
@@ -129,17 +129,17 @@ def traced_server(text: str, *options: str) -> Iterator[Traced]:
 
 
 def free_endpoint() -> str:
-    """A zenoh endpoint on loopback that nobody uses now."""
+    """Return an unused zenoh endpoint on loopback."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 class Router:
-    """A zenoh router at an endpoint; there once this is made.
+    """A zenoh router at an endpoint. It is ready when the object is made.
 
     Raises:
-        BenchFailed: it did not come up.
+        BenchFailed: it did not start.
     """
 
     def __init__(self, endpoint: str) -> None:
@@ -151,7 +151,7 @@ class Router:
             raise BenchFailed("the zenoh router did not start: see its message above")
 
     def kill(self) -> None:
-        """End it without a farewell."""
+        """Kill its process."""
         self._process.kill()
         with self._process:
             self._process.wait()

@@ -1,6 +1,6 @@
-"""What others offer for the same job, measured beside us: Bullet alone, Bullet with numpy hydrodynamics, MuJoCo's fluid.
+"""Other engines for the same job, for comparison: Bullet alone, Bullet with hydrodynamics in numpy, and the fluid model of MuJoCo.
 
-pybullet and mujoco are optional; a peer that cannot be imported raises ImportError when it is made.
+pybullet and mujoco are optional. Making a peer whose engine is not installed raises ImportError.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ import numpy as np
 from uwserver.physics.kernel.arrays import FloatArray
 
 SPACING_M = 5.0
-"""Bodies stand apart so far that none ever meets another."""
+"""Distance of the bodies: far enough that they never touch."""
 
 MASS_KG, INERTIA_KGM2, SIZE_M = 13.5, (0.26, 0.23, 0.37), (0.457, 0.575, 0.254)
 ADDED_MASS = (6.36, 7.12, 18.68, 0.189, 0.135, 0.222)
 LINEAR_DAMPING, QUADRATIC_DAMPING = (13.7, 1.0, 33.0, 0.1, 0.8, 0.1), (141.0, 217.0, 190.0, 1.19, 0.47, 1.5)
 WEIGHT_N, CENTER_OF_BUOYANCY_M = 132.57, (0.0, 0.0, -0.01)
 PUSH = (8.0, 3.0, 2.0, 0.1, 0.1, 0.2)
-"""Wrench on each body, N and N m: it is held, so a peer need not compute any thruster."""
+"""Constant wrench on each body, N and N m; so a peer need not compute thrusters."""
 
 
 class BulletBodies:
-    """Free boxes in pybullet (DIRECT), stepped and nothing else: no Bullet-based simulator can be faster."""
+    """Free boxes in pybullet (DIRECT) that are only stepped: no simulator based on Bullet can be faster."""
 
     name, dt = "pybullet, bare step", 1.0 / 240.0
 
@@ -46,20 +46,20 @@ class BulletBodies:
         return body
 
     def prepare(self) -> None:
-        """Nothing to put back: a free body stays one."""
+        """Do nothing: free bodies need no reset."""
 
     def run(self, steps: int) -> None:
-        """Step."""
+        """Make steps."""
         for _ in range(steps):
             self._bullet.stepSimulation(physicsClientId=self._client)
 
     def close(self) -> None:
-        """End the engine."""
+        """Close the engine."""
         self._bullet.disconnect(physicsClientId=self._client)
 
 
 class BulletWithNumpy(BulletBodies):
-    """The usual way to put a vehicle under water in Bullet: read pose and velocity, Fossen's matrices in numpy, apply the wrench, step."""
+    """The usual way to simulate an underwater vehicle in Bullet: read pose and velocity, compute Fossen's model in numpy, apply the wrench, step."""
 
     name = "pybullet + numpy a vehicle"
 
@@ -76,7 +76,7 @@ class BulletWithNumpy(BulletBodies):
             self._bullet.resetBaseVelocity(body, [0, 0, 0], [0, 0, 0], physicsClientId=self._client)
 
     def run(self, steps: int) -> None:
-        """Hydrodynamics of each body, then a step."""
+        """Make steps: first the hydrodynamics of each body, then a step of the engine."""
         b, client = self._bullet, self._client
         for _ in range(steps):
             for body in self._bodies:
@@ -111,7 +111,7 @@ def _skew(a: FloatArray) -> FloatArray:
 
 
 class MujocoFluid:
-    """MuJoCo's own fluid model: free bodies of ellipsoid fluid shape in water, Euler steps of 2 ms, contacts off, a held wrench on each."""
+    """MuJoCo's own fluid model: free bodies with ellipsoid fluid shape in water, Euler steps of 2 ms, no contacts, a constant wrench on each."""
 
     name, dt = "MuJoCo ellipsoid fluid, no thrusters", 0.002
     _thrusters: tuple[tuple[str, str], ...] = ()
@@ -123,20 +123,20 @@ class MujocoFluid:
         self._state = self._mujoco.MjData(self._model)
 
     def prepare(self) -> None:
-        """Start from rest, pushed."""
+        """Reset to rest, with the wrench."""
         self._mujoco.mj_resetData(self._model, self._state)
         self._state.xfrc_applied[1:] = PUSH
 
     def run(self, steps: int) -> None:
-        """Step, all steps in one call: no Python between them."""
+        """Make all steps in one call, without Python between them."""
         self._mujoco.mj_step(self._model, self._state, nstep=steps)
 
     def close(self) -> None:
-        """Nothing to end."""
+        """Do nothing: there is nothing to close."""
 
 
 class MujocoVehicle(MujocoFluid):
-    """The same with eight thrusters where a BlueROV2 Heavy has them: actuators with a first-order lag, which push at sites of the body."""
+    """The same with the eight thrusters of a BlueROV2 Heavy: actuators with a first-order lag that act at sites of the body."""
 
     name = "MuJoCo ellipsoid fluid + 8 thrusters"
     _thrusters = (
@@ -146,7 +146,7 @@ class MujocoVehicle(MujocoFluid):
     )  # fmt: skip
 
     def prepare(self) -> None:
-        """Start from rest, thrusters commanded."""
+        """Reset to rest, with commands for the thrusters."""
         self._mujoco.mj_resetData(self._model, self._state)
         self._state.ctrl[:] = np.random.Generator(np.random.PCG64(1)).uniform(-0.5, 0.5, self._model.nu)
 

@@ -1,4 +1,4 @@
-"""Free-running worlds against their peers, in one process, interleaved: each repeat runs every contender once."""
+"""Free-running worlds compared with other engines, in one process. Each repeat runs every contender once."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from uwserver_bench.rows import Row
 
 RATE_HZ = 240.0
 DEPTH_M = 100.0
-"""Open water: no vehicle drifts to the surface within a repeat."""
+"""Deep enough that no vehicle drifts to the surface within a repeat."""
 
 COMMAND_EVERY = 24
-"""Each vehicle gets a new thruster command every this many ticks (10 Hz); vehicles take turns."""
+"""Number of ticks between two thruster commands of a vehicle (10 Hz). The vehicles take turns."""
 
 COUNTS = (1, 10, 100)
 BARS: Mapping[int, float] = {1: 200.0, 10: 80.0, 100: 10.0}
@@ -47,22 +47,22 @@ class Contender(Protocol):
     dt: float
 
     def prepare(self) -> None:
-        """Go back to the start; not timed."""
+        """Reset to the start. This is not timed."""
 
     def run(self, steps: int) -> None:
-        """Do the steps."""
+        """Make the steps."""
 
     def close(self) -> None:
-        """Give back what it holds."""
+        """Free its resources."""
 
 
 class OpenWater:
-    """BlueROV2 Heavies through `World.advance`, the path of the server: kernel, thrusters, watchdogs, commands that change at 10 Hz.
+    """BlueROV2 Heavies stepped by `World.advance`, as in the server: kernel, thrusters, watchdogs, and commands that change at 10 Hz.
 
     Args:
-        vehicles: how many.
-        sensors: let each measure with the sensors of its vehicle file, at their rates and with their errors.
-        threads: of the world.
+        vehicles: number of vehicles.
+        sensors: whether they have the sensors of the vehicle file, with their rates and errors.
+        threads: number of threads of the world.
     """
 
     dt = 1.0 / RATE_HZ
@@ -78,14 +78,14 @@ class OpenWater:
         self._world = build(load(scenario, adapters={}))
         self._sensors = sensors
         self._ports = [f"{name}/thrusters" for name in entries]
-        # Zero on average, so that nobody goes far.
+        # Zero on average, so that no vehicle goes far.
         (size,) = self._world.ports[self._ports[0]].fields[0].shape
         draws = np.random.Generator(np.random.PCG64(1)).uniform(-0.5, 0.5, (64, size))
         self._commands = [[*row.tolist()] for row in np.concatenate([draws, -draws])]
         self._tick = 0
 
     def prepare(self) -> None:
-        """Put the world back to its start, everyone commanded."""
+        """Reset the world to its start, with commands for all vehicles."""
         self._world.call("world/reset")
         self._tick = 0
         if not self._sensors:
@@ -96,7 +96,7 @@ class OpenWater:
         self._world.step(2)
 
     def run(self, steps: int) -> None:
-        """Ticks with their commands; samples are made and dropped."""
+        """Make ticks with their commands. Samples are made and dropped."""
         world, ports, commands = self._world, self._ports, self._commands
         begin, self._tick = self._tick, self._tick + steps
         for tick in range(begin, self._tick):
@@ -106,21 +106,21 @@ class OpenWater:
 
     @property
     def world(self) -> World:
-        """What it steps."""
+        """The world that it steps."""
         return self._world
 
     @property
     def hydro(self) -> Hydrodynamics:
-        """The bodies of that world."""
+        """The bodies of the world."""
         return self._world.hydro
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Do nothing: there is nothing to free."""
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Seconds a step of one contender, one value a repeat."""
+    """Time of a step of one contender, s, one value for each repeat."""
 
     name: str
     vehicles: int
@@ -129,12 +129,12 @@ class Timing:
 
     @property
     def real_time_factors(self) -> tuple[float, ...]:
-        """Simulated seconds per second."""
+        """Simulated seconds per second, one value for each repeat."""
         return tuple(self.dt / s for s in self.seconds)
 
 
 def bench_physics(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """The physics part of the report.
+    """Return the part of the report on physics.
 
     Args:
         quick: two short repeats.
@@ -177,7 +177,7 @@ def _seconds_a_step(contender: Contender, steps: int) -> float:
 
 
 def _steps_in(contender: Contender, budget_s: float) -> int:
-    """How many steps fill the budget; the first steps, which may compile, are not counted."""
+    """Return the number of steps that fill the budget. The first steps, which may compile, are not counted."""
     contender.prepare()
     contender.run(5)
     return max(5, round(budget_s / _seconds_a_step(contender, 20)))
@@ -211,7 +211,7 @@ def _peer_rows(timings: Sequence[Timing], missing: Mapping[str, str]) -> list[Ro
 
 
 def _ratio_rows(timings: Sequence[Timing]) -> list[Row]:
-    """How many times less we take a vehicle-step than each peer, repeat by repeat: above 1 we are faster."""
+    """Return for each repeat the time of a vehicle-step of each peer over ours: above 1 we are faster."""
     own = {t.vehicles: t for t in timings if t.name == "uwserver, physics + thrusters"}
     rows = []
     for peer in timings:

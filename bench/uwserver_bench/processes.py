@@ -1,4 +1,4 @@
-"""Processes of a bench: `uwserver run` on a free port, and the one process that plays all clients."""
+"""The processes of a benchmark: `uwserver run` on a free port, and one process with all clients."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ _ADDRESS = re.compile(rb"tcp: (?:tcp://)?([0-9.]+):([0-9]+)\n")
 
 
 class BenchFailed(Exception):
-    """A process did not do its part; the text says which and what it printed."""
+    """A process did not work as expected; the text says which one, and what it printed."""
 
 
 @dataclass(frozen=True)
 class Served:
-    """A running server: where it listens, and its process id."""
+    """A running server, with its address and its process id."""
 
     host: str
     port: int
     pid: int
 
     def ask(self, request: str) -> Any:
-        """One JSON-RPC request on a connection of its own; returns its result.
+        """Send a JSON-RPC request on a new connection, and return its result.
 
         Raises:
             BenchFailed: the server refused it.
@@ -60,17 +60,17 @@ def serving(
     place: Path | None = None,
     options: Sequence[str] = (),
 ) -> Iterator[Served]:
-    """Run a scenario on a free loopback port for as long as the context is open.
+    """Run a scenario on a free loopback port while the context is open.
 
     Args:
-        scenario: a shipped name or a file.
-        python: whose uwserver serves.
+        scenario: name of a shipped scenario, or a file.
+        python: program with the uwserver that serves.
         environment: of the server.
-        place: folder that it works in; default: this process's.
-        options: further ones of `uwserver run`.
+        place: its working directory; default: that of this process.
+        options: further options of `uwserver run`.
 
     Raises:
-        BenchFailed: it did not come up.
+        BenchFailed: it did not start.
     """
     command = [python, "-m", "uwserver", "run", str(scenario), "--port", "0", "--log-level", "error", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=place, env=dict(environment)) as process:
@@ -91,13 +91,13 @@ def carry_out(
     errors: tuple[type[Exception], ...] = (OSError, ValueError),
     lines: Iterable[str] | None = None,
 ) -> None:
-    """Be the process of a `Load`: carry out its tasks until stdin ends.
+    """Carry out the tasks of a `Load` until stdin ends. This is the main function of its process.
 
     Args:
-        tasks: by name, what each does, and returns as its result.
-        who: this process is called in the result of a task that failed.
-        errors: by which a task fails; others end the process.
-        lines: the tasks, JSON with the name as `task`; default: of stdin.
+        tasks: the functions that carry out tasks and return their results, by name.
+        who: name of this process in the result of a task that failed.
+        errors: exceptions with which a task fails; others end the process.
+        lines: the tasks as JSON, with the name as `task`; default: the lines of stdin.
     """
     for line in sys.stdin if lines is None else lines:
         task = json.loads(line)
@@ -109,26 +109,26 @@ def carry_out(
 
 
 class Load:
-    """The load process (`uwserver_bench.load`): told what to do a line at a time, so that its own start is never measured."""
+    """The load process (`uwserver_bench.load`). It gets tasks while it runs, so that its own start is never measured."""
 
     def __init__(self, process: subprocess.Popen[bytes]) -> None:
         self._process = process
 
     @property
     def pid(self) -> int:
-        """Its process id."""
+        """The process id."""
         return self._process.pid
 
     def do(self, task: str, served: Served, **arguments: object) -> dict[str, Any]:
-        """Let it carry out a task against a server, and wait for the result.
+        """Let it carry out a task with a server, and return the result.
 
         Raises:
-            BenchFailed: it broke off.
+            BenchFailed: the task failed, or the process ended.
         """
         return self.ask(task, host=served.host, port=served.port, **arguments)
 
     def ask(self, task: str, **arguments: object) -> dict[str, Any]:
-        """As `do`, for a task that is told by its arguments where the server is."""
+        """Do the same for a task whose arguments contain the address of the server."""
         self.begin(task, **arguments)
         return self.result()
 
@@ -139,10 +139,10 @@ class Load:
         self._process.stdin.flush()
 
     def result(self) -> dict[str, Any]:
-        """Wait for what it says next.
+        """Wait for the next result, and return it.
 
         Raises:
-            BenchFailed: it broke off.
+            BenchFailed: the task failed, or the process ended.
         """
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
@@ -156,7 +156,7 @@ class Load:
 
 @contextlib.contextmanager
 def loading(module: str = "uwserver_bench.load") -> Iterator[Load]:
-    """The load process, for as long as the context is open; `module` carries out its tasks."""
+    """Run the load process while the context is open. `module` carries out its tasks."""
     command = [sys.executable, "-m", module]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         try:
@@ -166,7 +166,7 @@ def loading(module: str = "uwserver_bench.load") -> Iterator[Load]:
 
 
 def _address(stdout: IO[bytes], command: str) -> tuple[str, int]:
-    """Where the server says that it listens."""
+    """Return the address that the server has printed."""
     clock, seen = SystemTime(), b""
     deadline = clock.now_ns() + int(START_TIMEOUT_S * 1e9)
     with selectors.DefaultSelector() as selector:
@@ -184,9 +184,9 @@ def _address(stdout: IO[bytes], command: str) -> tuple[str, int]:
 
 
 def processor_s(pid: int) -> float | None:
-    """Processor time that the threads of a process have used; None where the system does not tell."""
+    """Return the processor time that the threads of a process have used, s; None if the system does not tell."""
     try:
-        # In ns; /proc/<pid>/stat counts hundredths of a second, more than a client costs in one.
+        # In ns. /proc/<pid>/stat counts hundredths of a second, which is more than a client costs in a second.
         spent = [int(thread.read_text().split()[0]) for thread in Path(f"/proc/{pid}/task").glob("*/schedstat")]
     except (OSError, ValueError):
         return None
@@ -194,7 +194,7 @@ def processor_s(pid: int) -> float | None:
 
 
 def resident_mb(pid: int) -> float | None:
-    """Memory of a process that is in use; None where the system does not tell."""
+    """Return the resident memory of a process, MB; None if the system does not tell."""
     try:
         text = Path(f"/proc/{pid}/status").read_text(encoding="ascii", errors="replace")
     except OSError:
@@ -204,7 +204,7 @@ def resident_mb(pid: int) -> float | None:
 
 
 def stop(process: subprocess.Popen[bytes]) -> None:
-    """End a process, in order if it can."""
+    """Stop a process, by force if it does not end by itself."""
     process.terminate()
     try:
         process.wait(STOP_TIMEOUT_S)

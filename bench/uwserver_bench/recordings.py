@@ -1,6 +1,6 @@
-"""Recordings: what recording all of a full BlueROV2 costs, how fast one is played to five clients, and how long a seek in a large one takes.
+"""Recordings: cost of recording everything of a full BlueROV2, speed of playing a recording to five clients, and time of a seek in a large recording.
 
-The full BlueROV2 is that of the scenario `rov_autopilot`: its own sensors, DVL, AHRS, altimeter, battery, autopilot and truth, 240 ticks a second.
+The full BlueROV2 is that of the scenario `rov_autopilot`: its own sensors, DVL, AHRS, altimeter, battery, autopilot and truth, 240 ticks per second.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ _PIECE = 1 << 18
 
 
 def bench_recordings(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """The part of recordings.
+    """Return the part of the report on recordings.
 
     Args:
         quick: one short repeat of each.
         say: gets a line of progress.
 
     Raises:
-        BenchFailed: a process did not do its part.
+        BenchFailed: a process did not work as expected.
     """
     repeats, seconds, size = (1, 4.0, 4 << 20) if quick else (3, 120.0, 1 << 30)
     shares, late, factors, seeks = list[float](), list[float](), list[float](), list[float]()
@@ -69,7 +69,7 @@ def bench_recordings(quick: bool, say: Callable[[str], None]) -> list[Row]:
 
 
 def _processor_s(*options: str) -> float:
-    """Processor time of a free-running server."""
+    """Return the processor time of a free-running server, s."""
     command = [sys.executable, "-m", "uwserver", "run", SCENARIO, "--port", "0", "--mode", "freerun", *options]
     with subprocess.Popen([*command, "--log-level", "error"], stdout=subprocess.DEVNULL) as process:
         _, status, usage = os.wait4(process.pid, 0)
@@ -80,7 +80,7 @@ def _processor_s(*options: str) -> float:
 
 
 def _played(file: Path, seconds: float) -> float:
-    """Seconds of a recording in a second of the wall clock, to clients that take every sample."""
+    """Return how many seconds of a recording are played per second to clients that take every sample."""
     command = [sys.executable, "-m", "uwserver", "play", str(file), "--port", "0", "--paused", "--speed", "max"]
     with subprocess.Popen([*command, "--log-level", "error"], stdout=subprocess.PIPE) as process:
         try:
@@ -101,8 +101,8 @@ def _fastest(served: Served, seconds: float) -> float:
     try:
         SystemTime().wait(0.3, Event())
         began = SystemTime().now_ns()
-        # It stands paused, and goes on for this one request: after a resume a short recording was over before it was asked. Its
-        # last tick is a little before its end.
+        # It is paused, and continues with this one request: after a separate resume a short recording would end before the request. Its last tick
+        # is a little before its end.
         served.ask(json.dumps(_request("call", service="world/run_until", args={"t_s": seconds - 0.1})))
         return (seconds - 0.1) * 1e9 / (SystemTime().now_ns() - began)
     finally:
@@ -117,7 +117,7 @@ def _request(method: str, **params: object) -> dict[str, object]:
 
 
 def _drain(peers: list[socket.socket], ended: Event) -> None:
-    """Take all that comes, as five clients that are quick enough would."""
+    """Receive everything, as five clients that are fast enough."""
     with selectors.DefaultSelector() as ready:
         for peer in peers:
             ready.register(peer, selectors.EVENT_READ)
@@ -128,7 +128,7 @@ def _drain(peers: list[socket.socket], ended: Event) -> None:
 
 
 def _enlarged(source: Path, target: Path, size: int) -> int:
-    """The messages of a recording again and again, each time later, until the file has a size; returns its span, ns."""
+    """Write the messages of a recording repeatedly, each time with later times, until the file has a size. Returns the duration of the file, ns."""
     from mcap.reader import make_reader
     from mcap.writer import CompressionType, Writer
 
@@ -152,7 +152,7 @@ def _enlarged(source: Path, target: Path, size: int) -> int:
         while output.tell() < size:
             for _, channel, message in found:
                 if channel.topic in (CASTS, STATES) and k:
-                    continue  # the one names who is there, in the other stand times
+                    continue  # the first lists what is there, and the second contains times
                 writer.add_message(numbers[channel.id], message.log_time + k * step, message.data, message.publish_time)
             k += 1
         writer.finish()

@@ -1,6 +1,6 @@
-"""REMUS 100 against the Python Vehicle Simulator's own, where a copy of that simulator is at hand.
+"""The REMUS 100 compared with that of the Python Vehicle Simulator, if a copy of the simulator is present.
 
-It is no package of an index: get its repository and name its `src` folder in the environment variable UWSERVER_PVS.
+The simulator is not on a package index: clone its repository, and set the environment variable UWSERVER_PVS to its `src` folder.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ VARIABLE = "UWSERVER_PVS"
 BAR = 20.0
 SPEED_RADPS = 159.0
 ITS_SAMPLES = 10_000
-"""Steps of a run as its main.py has it."""
+"""Number of steps of a run in its main.py."""
 
 
 class OurRemus:
-    """One remus100_pvs, whose propeller is that of theirs, through `World.advance`, commanded at 10 Hz."""
+    """A remus100_pvs with the propeller of the simulator, stepped by `World.advance` and commanded at 10 Hz."""
 
     def __init__(self) -> None:
         entry = VehicleEntry(model="remus100_pvs", position_ned_m=(0.0, 0.0, 1000.0))
@@ -38,7 +38,7 @@ class OurRemus:
             self._world.call(f"{path}/deactivate")
 
     def run(self, steps: int) -> None:
-        """Ticks with their commands: propeller ahead, rudder to and fro."""
+        """Make ticks with their commands: propeller ahead, rudder to both sides."""
         world = self._world
         for tick in range(steps):
             if tick % 24 == 0:
@@ -48,17 +48,17 @@ class OurRemus:
 
 
 class OurBody(OurRemus):
-    """The same by the kernel alone, without clock, commands and watchdogs."""
+    """The same with the kernel alone, without clock, commands and watchdogs."""
 
     def run(self, steps: int) -> None:
-        """Ticks under the commands that stand."""
+        """Make ticks with the present commands."""
         hydro = self._world.hydro
         for _ in range(steps):
             hydro.advance(0.0)
 
 
 class TheirRemus:
-    """`remus100.dynamics` and the attitude's step, as its main loop calls them, and that loop itself."""
+    """`remus100.dynamics` and the step of the attitude, as the main loop of the simulator calls them; and this loop itself."""
 
     def __init__(self, source: Path) -> None:
         sys.path.insert(0, str(source))
@@ -72,7 +72,7 @@ class TheirRemus:
         self._eta, self._nu, self._u = np.zeros(6), self._vehicle.nu, self._vehicle.u_actual
 
     def run(self, steps: int) -> None:
-        """Steps of 1/240 s."""
+        """Make steps of 1/240 s."""
         dt = 1.0 / 240.0
         for k in range(steps):
             command = self._vehicle.stepInput(k * dt)
@@ -80,12 +80,12 @@ class TheirRemus:
             self._eta = self._attitude(self._eta, self._nu, dt)
 
     def loop(self, steps: int) -> None:
-        """Its main loop, which also keeps what it computed: as that grows, so does the cost of a step."""
+        """Run its main loop. It also stores all results, so that the cost of a step grows with their number."""
         self._loop(steps, 1.0 / 240.0, self._vehicle)
 
 
 def bench_remus(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """Steps of ours a second over theirs.
+    """Return our steps per second over theirs.
 
     Args:
         quick: two short repeats.

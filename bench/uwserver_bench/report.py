@@ -1,4 +1,4 @@
-"""The report of a bench: the facts of the machine, a table for people, JSON for programs."""
+"""The report of a benchmark: facts of the machine, a table for people, and JSON for programs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Report:
     """All rows of one run.
 
     Attributes:
-        quick: made with --quick: the values show that everything runs, not how fast it is.
+        quick: whether it was made with --quick; then the values only show that everything runs.
         machine: see `machine_facts`.
     """
 
@@ -30,12 +30,12 @@ class Report:
     rows: tuple[Row, ...]
 
     def as_json(self) -> dict[str, object]:
-        """Plain values; every row with its raw repeats."""
+        """Return plain values: all rows with their raw repeats."""
         rows = [{**asdict(row), "median": row.value, "verdict": row.verdict} for row in self.rows]
         return {"format": FORMAT, "quick": self.quick, "machine": self.machine, "rows": rows}
 
     def table(self) -> str:
-        """One line a row, grouped."""
+        """Return a table with a line for each row, by groups."""
         lines = [_machine_line(self.machine)]
         if self.quick:
             lines.append("--quick: too short to judge speed by")
@@ -49,7 +49,7 @@ class Report:
 
 
 def machine_facts() -> dict[str, object]:
-    """Processor, cores, load before the run, operating system, and the versions of what is measured."""
+    """Return processor, cores, load before the run, operating system, and the versions of what is measured."""
     load = os.getloadavg() if hasattr(os, "getloadavg") else None
     return {
         "time_utc": utc_text(),

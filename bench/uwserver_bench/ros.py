@@ -1,4 +1,4 @@
-"""ROS: what making a message costs each carrier, in processor time of the thread that does it; and (`ros_peers`) what peers hear."""
+"""ROS: processor time of making a message for each transport; and what peers receive (`ros_peers`)."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ _SAMPLE = Sample("rov/imu", 0, 123_456_789, 123_456_789, True, ((0.1, 0.2, -9.81
 
 
 def bench_ros(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """The ros part of the report.
+    """Return the part of the report on ROS.
 
     Args:
         quick: few short repeats of each.
         say: gets a line of progress.
 
     Raises:
-        BenchFailed: a message was not made, or a process did not do its part.
+        BenchFailed: a message was not made, or a process did not work as expected.
     """
     return [*bench_messages(quick, say), *bench_peers(quick, say)]
 
 
 def bench_messages(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """What a message costs; arguments and errors as those of `bench_ros`."""
+    """Return the rows on the cost of a message. Arguments and errors are those of `bench_ros`."""
     say("ros: messages")
     repeats, times = (QUICK_REPEATS, 50) if quick else (REPEATS, 5000)
     types = Types()
@@ -88,7 +88,7 @@ def bench_messages(quick: bool, say: Callable[[str], None]) -> list[Row]:
 
 
 def _write(types: Types, outlet: Outlet, repeats: int, times: int) -> Row:
-    """Bytes into CycloneDDS, without a reader, on a domain that nobody uses."""
+    """Write bytes with CycloneDDS, without a reader, on an unused domain."""
     name = "DDS: write of an Imu"
     try:
         from cyclonedds.domain import Domain, DomainParticipant
@@ -108,7 +108,7 @@ def _write(types: Types, outlet: Outlet, repeats: int, times: int) -> Row:
     if data is None:
         raise BenchFailed("no Imu was made")
     row = _row(name, "us", lambda: write(writer, data), repeats, times, 1e3, WRITE_BAR_US)
-    del domain  # it must outlive what is on it
+    del domain  # it must be deleted after what is on it
     return row
 
 
@@ -123,7 +123,7 @@ def _row(
 
 
 def _ms(work: Callable[[], object], times: int) -> float:
-    """Processor time of one, the least of three rounds: the others were disturbed."""
+    """Return the processor time of one call: the least of three rounds, because the others were disturbed."""
     times, best = max(times, 1), math.inf
     for _ in range(3):
         begin = time.thread_time()

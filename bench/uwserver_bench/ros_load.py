@@ -1,4 +1,4 @@
-"""Plays nodes and clients of ROS for `uwserver bench ros`, in a process of its own: ``python -m uwserver_bench.ros_load``."""
+"""The nodes and clients of `uwserver bench ros`, in a process of their own: ``python -m uwserver_bench.ros_load``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from uwserver_bench.traced import TICKS, open_trace
 
 IMU = "sensor_msgs/msg/Imu"
 MATCH_S = 20.0
-"""Wall time until a first message must have come."""
+"""Wall time within which the first message must arrive."""
 SETTLE_S = 0.5
 _STAMP = re.compile(rb'"stamp":\{"sec":(\d+),"nanosec":(\d+)\}')
 _CDR_STAMP = slice(4, 12)
@@ -28,11 +28,11 @@ _clock = SystemTime()
 
 Task = Mapping[str, Any]
 Take = Callable[[int, int, int], None]
-"""Gets the number of a client, and the stamp of its message: seconds and nanoseconds."""
+"""Takes the number of a client, and the stamp of its message: seconds and nanoseconds."""
 
 
 class _Count:
-    """What came: how many to each client, and how long after the end of its tick."""
+    """Counts messages for each client, and measures their delays from the end of their tick."""
 
     def __init__(self, task: Task, clients: int = 1) -> None:
         self._ends, self._rate_hz, self._epoch_s = open_trace(task["trace"]), task["rate_hz"], task["epoch_s"]
@@ -40,17 +40,17 @@ class _Count:
         self._begin_ns = 0
 
     def begin(self) -> None:
-        """Count from now on."""
+        """Begin to count."""
         self.counts, self.late, self._begin_ns = [0] * len(self.counts), [], _clock.now_ns()
 
     def take(self, client: int, sec: int, nanosec: int) -> None:
-        """One message."""
+        """Count one message."""
         self.counts[client] += 1
         tick = round(((sec - self._epoch_s) + nanosec * 1e-9) * self._rate_hz)
         self.late.append((_clock.now_ns() - int(self._ends[tick % TICKS])) * 1e-9)
 
     def result(self) -> dict[str, object]:
-        """Latency, and the rate of the slowest client."""
+        """Return the latency, and the rate of the slowest client."""
         seconds = (_clock.now_ns() - self._begin_ns) * 1e-9
         if not self.late:
             raise ValueError("no message came")
@@ -58,7 +58,7 @@ class _Count:
 
 
 def bridge(task: Task) -> dict[str, object]:
-    """`clients` of rosbridge hear `topics` for `seconds`."""
+    """Let `clients` of rosbridge receive `topics` for `seconds`."""
     count = _Count(task, task["clients"])
     with contextlib.ExitStack() as stack, selectors.DefaultSelector() as selector:
         streams = [stack.enter_context(_opened(task["address"])) for _ in range(task["clients"])]
@@ -72,7 +72,7 @@ def bridge(task: Task) -> dict[str, object]:
 
 @contextlib.contextmanager
 def _opened(address: str) -> Iterator[socket.socket]:
-    """A WebSocket after its handshake."""
+    """Return a WebSocket after its handshake."""
     place = urlsplit(address)
     with socket.create_connection((place.hostname or "", place.port or 0), timeout=MATCH_S) as stream:
         stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -90,13 +90,13 @@ def _opened(address: str) -> Iterator[socket.socket]:
 
 
 class _Frames:
-    """Messages of a WebSocket's server, from its bytes."""
+    """Finds the messages in the bytes of a WebSocket server."""
 
     def __init__(self, stream: Any) -> None:
         self.stream, self._rest = stream, b""
 
     def read(self) -> Iterator[bytes]:
-        """Those that are whole."""
+        """Return the complete messages."""
         data = self.stream.recv(1 << 18)
         if not data:
             raise ConnectionError("the server closed a connection")
@@ -133,7 +133,7 @@ def _stamp(data: bytes) -> tuple[int, int]:
 
 
 def zenoh(task: Task) -> dict[str, object]:
-    """A node on zenoh hears `topics` for `seconds`."""
+    """Let a node on zenoh receive `topics` for `seconds`."""
     import zenoh as library
     from uwserver_adapters.ros.messages import Types
     from uwserver_adapters.ros2.graph import Names
@@ -158,7 +158,7 @@ def zenoh(task: Task) -> dict[str, object]:
 
 
 def dds(task: Task) -> dict[str, object]:
-    """A participant of CycloneDDS hears `topics` for `seconds`."""
+    """Let a participant of CycloneDDS receive `topics` for `seconds`."""
     from cyclonedds.core import Listener
     from cyclonedds.domain import Domain, DomainParticipant
     from cyclonedds.qos import Policy, Qos
@@ -171,7 +171,7 @@ def dds(task: Task) -> dict[str, object]:
     count, kind = _Count(task), Classes(Types()).raw(IMU)
 
     class Came(Listener):
-        """Takes what there is."""
+        """Counts the messages that are there."""
 
         def on_data_available(self, reader: Any) -> None:
             for one in reader.take(1000):
@@ -192,13 +192,13 @@ def dds(task: Task) -> dict[str, object]:
         return _wait(count, task["seconds"])
     finally:
         for reader in held:
-            reader.set_listener(None)  # a reader that ends while one is called waits for ever
+            reader.set_listener(None)  # a reader that is deleted while a listener runs never returns
         held.clear()
         del participant, domain
 
 
 def _wait(count: _Count, seconds: float) -> dict[str, object]:
-    """Others count: once the first has come, and some time more, for `seconds`."""
+    """Wait while others count: for the first message, then some time, then for `seconds`."""
     end = _clock.now_ns() + int(MATCH_S * 1e9)
     while not count.late and _clock.now_ns() < end:
         time.sleep(0.01)

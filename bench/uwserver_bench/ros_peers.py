@@ -1,4 +1,4 @@
-"""ROS: how soon peers hear of a tick on each carrier, how many messages reach them, and whether ticks are late meanwhile."""
+"""ROS: how soon after a tick peers receive its messages by each transport, how many messages arrive, and whether ticks are late meanwhile."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from uwserver_bench.server import LATENESS_BAR_MS, lateness_p99_ms
 LATENCY_BAR_MS, FLOW_BAR, CLIENT_BAR = 1.0, 10_000.0, 980.0
 RATE_HZ, IMUS, CLIENTS, DOMAIN = 250, 4, 5, 230
 EPOCH_S = 1_767_225_600
-"""2026-01-01, which simulation time begins with here."""
+"""2026-01-01: the begin of simulation time here."""
 TASKS = {"rosbridge": "bridge", "zenoh": "zenoh", "DDS": "dds"}
-"""Carrier -> its adapter, which is also the task of who hears."""
+"""For each transport its adapter, which is also the name of the task that receives."""
 _NEEDS = {"rosbridge": "rosbags", "zenoh": "zenoh", "DDS": "cyclonedds"}
 _ADAPTERS = {
     "rosbridge": 'kind = "rosbridge"\nport = 0\n',
@@ -41,7 +41,7 @@ metrics = false
 model = "bluerov2_heavy"
 position_ned_m = [0.0, 0.0, 20.0]
 
-# The rates of the vehicle file divide 240 Hz; these are the nearest that divide {RATE_HZ} Hz.
+# The rates of the vehicle file divide 240 Hz. These are the nearest rates that divide {RATE_HZ} Hz.
 [vehicles.rov.override.sensors]
 imu = {{ rate_hz = 125.0 }}
 pressure = {{ rate_hz = 50.0 }}
@@ -54,14 +54,14 @@ port = 0
 
 
 def bench_peers(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """Four IMUs at 250 Hz: 1000 messages a second. Peers hear them in real time, and as fast as they come.
+    """Measure four IMUs at 250 Hz: 1000 messages per second. Peers receive them in real time, and in free-run.
 
     Args:
         quick: one short repeat of each.
         say: gets a line of progress.
 
     Raises:
-        BenchFailed: a process did not do its part.
+        BenchFailed: a process did not work as expected.
     """
     repeats, seconds = (1, 0.5) if quick else (3, 4.0)
     there = [name for name in TASKS if importlib.util.find_spec(_NEEDS[name]) is not None]

@@ -1,4 +1,4 @@
-"""A zenoh router in a process of its own: ``python -m uwserver_bench.router ENDPOINT``. It says so when it is there."""
+"""A zenoh router in a process of its own: ``python -m uwserver_bench.router ENDPOINT``. It prints a line when it is ready."""
 
 from __future__ import annotations
 

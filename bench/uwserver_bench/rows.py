@@ -18,9 +18,9 @@ class Row:
         group: "physics", "server" or "start".
         name: what was measured.
         unit: of the values.
-        values: one a repeat, in the order they were taken; empty when it could not be measured.
-        at_least, at_most: the bar that the median must reach, or must not pass; both None for information only.
-        note: why it could not be measured, or under which condition the value counts.
+        values: one for each repeat, in their order; empty if the figure could not be measured.
+        at_least, at_most: the bar: least or largest allowed median; both are None for information only.
+        note: why it could not be measured, or a condition of the value.
     """
 
     group: str
@@ -33,12 +33,12 @@ class Row:
 
     @property
     def value(self) -> float | None:
-        """Median over the repeats."""
+        """The median of the repeats."""
         return median(self.values) if self.values else None
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the median meets the bar."""
+        """The verdict: whether the median meets the bar."""
         value = self.value
         if value is None:
             return "absent"
@@ -50,6 +50,6 @@ class Row:
 
 
 def quantile(values: Sequence[float], part: float) -> float:
-    """The smallest value that at least `part` (0..1) of all values do not exceed; there must be one value."""
+    """Return the smallest value that at least the part `part` (0..1) of all values do not exceed. `values` must not be empty."""
     ordered = sorted(values)
     return ordered[min(len(ordered) - 1, max(0, -int(-part * len(ordered) // 1) - 1))]

@@ -1,7 +1,6 @@
-"""What readings cost: single devices over a large seabed, and a vehicle with all of them, free-running.
+"""Cost of readings: of single devices over a large seabed, and of a free-running vehicle with all of them.
 
-In processor time of the one thread that does it all: on an idle machine that is wall time, and on a shared one the work of others counts
-only by what it takes of the caches.
+Measured in processor time of the only thread. On an idle machine this is wall time; on a shared one other processes only affect the caches.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ PINGS: dict[str, tuple[str, float, SensorConfig, Pose]] = {
     "bathymetry": ("bathymetry ping, 256 beams over 140 degrees, 50 m", 3.0, BathymetryConfig(rate_hz=10), Pose()),
     "profile": ("profile ping, 81 rays, 20 m, straight down", 0.1, ProfilerConfig(rate_hz=10), Pose.from_degrees((0.0, -90.0, 0.0))),
 }  # fmt: skip
-"""By name: the row and its bar, ms; what pings, and how it is mounted."""
+"""For each name the row and its bar (ms), the sensor, and its mounting."""
 DEVICES = {
     "sonar": ("Micron DST ping, 13 x 71 rays, 400 bins over 20 m", 700.0),
     "dvl": ("DVL1000 sample, bottom and water track", 50.0),
@@ -48,7 +47,7 @@ DEVICES = {
     "depth": ("depth sample with four errors", None),
     "gps": ("GPS sample under water", None),
 }
-"""By name of the sensor in SCENARIO: the row and its bar, us."""
+"""For each sensor in SCENARIO the row and its bar, us."""
 KINDS = {
     "sonar": "scanning_sonar",
     "dvl": "dvl",
@@ -57,12 +56,12 @@ KINDS = {
     "depth": "pressure",
     "gps": "gps",
 }
-"""What a profile of the world calls it."""
+"""The names of their kinds in the profile of a world."""
 
 SECOND = round(RATE_HZ)
-"""Ticks."""
+"""A second, in ticks."""
 DEPTH_M, ABOVE_M = 20.0, 5.0
-"""Of the seabed, whose waves of 3 m lie in the sonar's sight; and the vehicle's height over its mean."""
+"""Mean depth of the seabed, whose waves of 3 m are visible to the sonar; and altitude of the vehicle above this depth."""
 
 SCENARIO = f"""\
 schema = 1
@@ -122,7 +121,7 @@ position_frd_m = [0.1, 0.0, -0.3]
 
 
 def bench_sensors(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """The part of the report on sensors.
+    """Return the part of the report on sensors.
 
     Args:
         quick: two short repeats.
@@ -134,7 +133,7 @@ def bench_sensors(quick: bool, say: Callable[[str], None]) -> list[Row]:
         return [Row("sensors", "readings", "us", (), note=f'pip install "uwserver[solid]" ({error})')]
     repeats, budget_s = (2, 0.02) if quick else (7, 0.3)
     values: dict[str, list[float]] = {name: [] for name in (*DEVICES, "all", "pictures", *PINGS)}
-    for repeat in range(-1, repeats):  # the first warms up
+    for repeat in range(-1, repeats):  # the first one is a warm-up
         say(f"sensors: repeat {max(repeat, 0) + 1} of {repeats}")
         world.call("world/reset")
         world.step(2)
@@ -157,13 +156,13 @@ def bench_sensors(quick: bool, say: Callable[[str], None]) -> list[Row]:
 
 
 def survey(more: str = "") -> World:
-    """A BlueROV2 Heavy with devices over a seabed of 99 458 triangles.
+    """Return a BlueROV2 Heavy with devices over a seabed of 99 458 triangles.
 
     Args:
-        more: tables of the scenario.
+        more: further tables of the scenario.
 
     Raises:
-        ImportError: without the engines of solid things.
+        ImportError: the engines for solid things are not installed.
     """
     with tempfile.TemporaryDirectory() as folder:
         depth = seabed_mesh().vertices[:, 2] + DEPTH_M
@@ -175,8 +174,8 @@ def survey(more: str = "") -> World:
 
 
 def _readings_us(world: World, budget_s: float) -> dict[str, float]:
-    """Microseconds that a reading of each device takes in the ticks of its world: what its kind measures, and its part of errors and delays,
-    which all are given in one call."""
+    """Return the time of a reading of each device in the ticks of its world, us: of the measurement, and its part of the errors and delays, which are
+    computed for all devices in one call."""
     profile = Profile(time.thread_time_ns)
     window = profile.open()
     world.watch(profile)
@@ -196,13 +195,13 @@ def _readings_us(world: World, budget_s: float) -> dict[str, float]:
 
 
 def _ping_ms(world: World, config: SensorConfig, mount: Pose, budget_s: float) -> float:
-    """Milliseconds of one thread's processor time that a reading of a sonar takes, with all that it computes, over the middle of the seabed."""
+    """Return the processor time of a reading of a sonar over the middle of the seabed, with all computations in one thread, ms."""
     sonar = config.build(mount)
     sonar.load_kernels()
     place = (0.0, 0.0, DEPTH_M - ABOVE_M)
     still = (0.0, 0.0, 0.0)
     scope = Scope(0, place, IDENTITY, still, still, world.water, geometry=world.geometry, lambert=world.lambert)
-    sonar.measure(scope)  # its kernels are there from then on
+    sonar.measure(scope)  # from now on its kernels are compiled
     count, start = 0, time.thread_time_ns()
     while count == 0 or (time.thread_time_ns() - start) * 1e-9 < budget_s:
         valid, _ = sonar.measure(replace(scope, t_ns=(count + 1) * 10**9))
@@ -213,11 +212,11 @@ def _ping_ms(world: World, config: SensorConfig, mount: Pose, budget_s: float) -
 
 
 def _real_time_factor(world: World, budget_s: float) -> float:
-    """Simulated over processor time with everything on, from the start, its thrusters commanded ten times a second."""
+    """Return simulated over processor time from the start, with all devices, and thrusters commanded at 10 Hz."""
     world.call("world/reset")
     (size,) = world.ports["rov/thrusters"].fields[0].shape
     draws = np.random.Generator(np.random.PCG64(1)).uniform(-0.3, 0.3, (32, size))
-    # Zero on average, so that it goes nowhere.
+    # Zero on average, so that the vehicle stays near.
     commands = np.concatenate([draws, -draws]).tolist()
     start = time.thread_time_ns()
     while (time.thread_time_ns() - start) * 1e-9 < 2.0 * budget_s:

@@ -1,4 +1,4 @@
-"""A server in its own process over loopback: how late its ticks are with and without clients, and how soon it answers."""
+"""A server in its own process, with clients over loopback: how late its ticks are with and without clients, and how soon it answers."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ metrics = false
 model = "bluerov2_heavy"
 position_ned_m = [0.0, 0.0, 20.0]
 
-# The rates of the vehicle file divide 240 Hz; these are the nearest that divide {RATE_HZ} Hz.
+# The rates of the vehicle file divide 240 Hz. These are the nearest rates that divide {RATE_HZ} Hz.
 [vehicles.rov.override.sensors]
 imu = {{ rate_hz = 125.0 }}
 pressure = {{ rate_hz = 50.0 }}
@@ -64,14 +64,14 @@ CHANGING = {
 
 
 def bench_server(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """The server part of the report.
+    """Return the part of the report on the server.
 
     Args:
         quick: one short repeat of each.
         say: gets a line of progress.
 
     Raises:
-        BenchFailed: a process did not do its part.
+        BenchFailed: a process did not work as expected.
     """
     say("server: warming the kernel cache")
     warm()
@@ -90,7 +90,7 @@ def bench_server(quick: bool, say: Callable[[str], None]) -> list[Row]:
 
 
 def _lateness(scenario: Path, load: Load, pairs: int, seconds: float, say: Callable[[str], None]) -> list[Row]:
-    """A fresh server a phase, so that phases do not mix; with and without clients in turns."""
+    """Measure the lateness of ticks, alternately with and without clients. Each phase has a new server, so that phases do not mix."""
     without: list[float] = []
     crowded: list[float] = []
     busy: list[float] = []
@@ -125,7 +125,7 @@ def _lateness(scenario: Path, load: Load, pairs: int, seconds: float, say: Calla
 
 
 def lateness_p99_ms(served: Served) -> float:
-    """Over all ticks since the server's start, ms."""
+    """Return the p99 of the lateness of all ticks since the start of the server, ms."""
     for _ in range(_TRIES):
         lateness = served.ask(STATUS)["value"]["lateness"]
         if lateness.get("p99_s"):
@@ -138,7 +138,7 @@ def lateness_p99_ms(served: Served) -> float:
 
 
 def _answers(scenario: Path, load: Load, repeats: int, seconds: float, say: Callable[[str], None]) -> list[Row]:
-    """Ten connections, one open request each; kinds of requests in turns on one server."""
+    """Measure ten connections with one open request each; all kinds of requests in turn on one server."""
     requests = {**READING, **CHANGING}
     rates: dict[str, list[float]] = {name: [] for name in requests}
     late: dict[str, list[float]] = {name: [] for name in requests}
@@ -165,7 +165,7 @@ def _answers(scenario: Path, load: Load, repeats: int, seconds: float, say: Call
 
 
 def _free_running(load: Load, repeats: int, seconds: float, say: Callable[[str], None]) -> list[Row]:
-    """Nothing paces the world but the loop that must deliver what it says: how fast it goes, and how soon the loop answers meanwhile."""
+    """Measure a free-running world, which only waits for the loop that delivers its samples: its speed, and how soon the loop answers meanwhile."""
     late: list[float] = []
     alone: list[float] = []
     crowded: list[float] = []
@@ -192,7 +192,7 @@ def _free_running(load: Load, repeats: int, seconds: float, say: Callable[[str],
 
 
 def _now(served: Served) -> tuple[int, int]:
-    """Wall time (ns), and the tick at which the server stands."""
+    """Return wall time (ns) and the present tick of the server."""
     return SystemTime().now_ns(), int(served.ask(STATUS)["tick"])
 
 

@@ -1,4 +1,4 @@
-"""An autopilot in the loop: frames a second in lock-step, free-running and in real time, with physics and sensors."""
+"""An autopilot in the loop: frames per second in lock-step, in free-run and in real time, with physics and sensors."""
 
 from __future__ import annotations
 
@@ -52,14 +52,14 @@ no_time_sync = true
 
 
 def bench_sil(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """The sil part of the report.
+    """Return the part of the report on autopilots in the loop.
 
     Args:
         quick: one short repeat of each.
         say: gets a line of progress.
 
     Raises:
-        BenchFailed: a process did not do its part.
+        BenchFailed: a process did not work as expected.
     """
     warm()
     repeats, seconds = (1, 0.5) if quick else (3, 5.0)
@@ -76,7 +76,7 @@ def bench_sil(quick: bool, say: Callable[[str], None]) -> list[Row]:
 def _run(
     folder: Path, pace: str, repeats: int, seconds: float, say: Callable[[str], None]
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Frames a second of each repeat, and frames that were repeated or lost in it."""
+    """Return the frames per second of each repeat, and the numbers of frames that were repeated or lost."""
     scenario = folder / "sil.toml"
     scenario.write_text(_SCENARIO.format(pace=pace), encoding="utf-8")
     rates, lost = list[float](), list[float]()

@@ -1,4 +1,4 @@
-"""Plays the autopilot of `uwserver bench sil`, in a process of its own: ``python -m uwserver_bench.sil_load``, told as `uwserver_bench.load`."""
+"""The autopilot of `uwserver bench sil`, in a process of its own: ``python -m uwserver_bench.sil_load``. Its tasks are as of `load`."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from uwserver.simulation.clock import SystemTime
 
 MAGIC, RATE_HZ, CHANNELS = 18458, 1200, 16
 PATIENCE_S = 1.0
-"""Wall time without an answer after which a frame is sent again, as ArduPilot does."""
+"""After this wall time without an answer a frame is sent again, as by ArduPilot."""
 _clock = SystemTime()
 _FRAME = struct.Struct(f"<HHI{CHANNELS}H")
 
 
 def frames(task: Mapping[str, Any]) -> dict[str, object]:
-    """Send a servo frame, wait for its answer, send the next, for `seconds` from frame `first` on.
+    """For `seconds`, send a servo frame, wait for its answer, and send the next one, beginning with frame `first`.
 
     Returns:
-        Frames answered a second, how often one was sent again, and the number of the next.
+        Answered frames per second, how often a frame was sent again, and the number of the next frame.
 
     Raises:
-        ValueError: nobody answers.
+        ValueError: no answer came.
     """
     host, _, port = task["address"].rpartition(":")
     number, repeated, answered = int(task["first"]), 0, 0

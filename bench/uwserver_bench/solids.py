@@ -1,4 +1,4 @@
-"""Solid things: loading a large seabed, rays on it, and what contact geometry costs near it and far from it."""
+"""Solid things: loading a large seabed, rays on it, and the cost of contact geometry near it and far from it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from uwserver.physics.rays.casting import Rays
 
 POINTS = 224
-"""Along an edge of the seabed: 99 458 triangles of 2 m."""
+"""Points along an edge of the seabed. It has 99 458 triangles of 2 m."""
 DT = 1.0 / 240.0
 BODIES = 100
 RAYS = 10_000
@@ -28,7 +28,7 @@ RAYS_BAR = 1.5
 
 
 def bench_solids(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """The solids part of the report.
+    """Return the part of the report on solid things.
 
     Args:
         quick: two short repeats.
@@ -43,7 +43,7 @@ def bench_solids(quick: bool, say: Callable[[str], None]) -> list[Row]:
     seabed = Solid("seabed", (Placed(seabed_mesh()),))
     hull = Solid("hull", (Placed(ConvexHull(pebble())),))
     rows: dict[str, list[float]] = {"load": [], "rays": [], "far": [], "resting": []}
-    for repeat in range(-1, repeats):  # the first compiles
+    for repeat in range(-1, repeats):  # the first one compiles
         say(f"solids: repeat {repeat + 1} of {repeats}")
         with Solids() as solids:
             found = _repeat(solids, Rays(), seabed, hull, 1 if repeat < 0 else times)
@@ -71,7 +71,7 @@ def bench_solids(quick: bool, say: Callable[[str], None]) -> list[Row]:
 
 
 def _repeat(solids: Solids, rays: Rays, seabed: Solid, hull: Solid, times: int) -> dict[str, float]:
-    """One figure for each row."""
+    """Return one figure for each row."""
     far, resting = states_above(20.0), states_above(0.2)
     origin, direction = np.tile([0.0, 0.0, -20.0], (RAYS, 1)), _down()
     look = rays.at(far)
@@ -98,7 +98,7 @@ def _depth(north: FloatArray, east: FloatArray) -> FloatArray:
 
 
 def seabed_mesh() -> TriangleMesh:
-    """Waves of 3 m in a square of 446 m."""
+    """Return a seabed with waves of 3 m, in a square of 446 m."""
     axis = 2.0 * (np.arange(POINTS) - 0.5 * (POINTS - 1))
     north, east = np.meshgrid(axis, axis, indexing="ij")
     (mesh,) = triangulate(Grid(north, east, _depth(north, east)))
@@ -106,7 +106,7 @@ def seabed_mesh() -> TriangleMesh:
 
 
 def pebble() -> FloatArray:
-    """32 corners of an egg."""
+    """Return the 32 corners of an egg-shaped hull."""
     points = np.random.Generator(np.random.PCG64(1)).normal(size=(32, 3))
     egg: FloatArray = points / np.linalg.norm(points, axis=1)[:, None] * [0.3, 0.25, 0.2]
     return egg
@@ -120,7 +120,7 @@ def _down() -> FloatArray:
 
 
 def states_above(above: float) -> FloatArray:
-    """Bodies 20 m apart, `above` (m) over the seabed, slowly moving."""
+    """Return the states of bodies that move slowly, 20 m apart and `above` (m) over the seabed."""
     state = np.zeros((BODIES, 13))
     k = np.arange(BODIES)
     state[:, 0], state[:, 1] = 20.0 * (k % 10) - 100.0, 20.0 * (k // 10) - 100.0

@@ -1,6 +1,6 @@
-"""What the ways of sound through layered water cost: the first to arrive, and all of them; across a thermocline, along one, and in still water.
+"""Cost of finding sound paths through layered water: only the first arrival, or all arrivals; across a thermocline, along one, and in uniform water.
 
-In processor time, with compiled kernels that are warm: each way is looked for anew, as in each exchange of a USBL or LBL.
+Measured in processor time with compiled kernels. Each path is searched from scratch, as in each exchange of a USBL or LBL.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ CASES: dict[str, tuple[ColumnConfig, float, float, float]] = {
     "2.5 km along a thermocline": (THERMOCLINE, 2500.0, 80.0, 85.0),
     "1 km in water of one temperature": (ConstantColumn(), 1000.0, 20.0, 60.0),
 }
-"""Water, distance and both depths, m."""
+"""For each case the water, the distance, and both depths, m."""
 
 
 def bench_sound(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """The part of the report on sound.
+    """Return the part of the report on sound.
 
     Args:
         quick: two short repeats.

@@ -1,4 +1,4 @@
-"""How soon a server is there, and how much memory it takes."""
+"""How soon a server is ready, and how much memory it takes."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ _SAMPLE_TIMEOUT_S = 30.0
 
 
 def bench_start(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """The start part of the report.
+    """Return the part of the report on the start.
 
     Args:
-        quick: one repeat, and no wait before memory is read.
+        quick: one repeat, and no wait before the memory is measured.
         say: gets a line of progress.
 
     Raises:
-        BenchFailed: a process did not do its part.
+        BenchFailed: a process did not work as expected.
     """
     repeats = 1 if quick else 3
     say("start: a first run warms the kernel cache and the files")
@@ -54,10 +54,10 @@ def bench_start(quick: bool, say: Callable[[str], None]) -> list[Row]:
 
 
 def first_sample(served: Served) -> None:
-    """Subscribe to everything and wait for the first sample.
+    """Subscribe to everything, and wait for the first sample.
 
     Raises:
-        BenchFailed: none came.
+        BenchFailed: no sample came.
     """
     with socket.create_connection((served.host, served.port), timeout=_SAMPLE_TIMEOUT_S) as connection:
         connection.sendall(SUBSCRIBE)
@@ -67,14 +67,14 @@ def first_sample(served: Served) -> None:
 
 
 def import_s(python: str, environment: Mapping[str, str], place: Path | None = None) -> float:
-    """Processor time of `import uwserver` in a new process of a Python, beyond its own start, s."""
+    """Return the processor time of `import uwserver` in a new process, without that of the start of Python, s."""
     code = "import time; start = time.process_time_ns(); import uwserver; print(time.process_time_ns() - start)"
     done = subprocess.run([python, "-c", code], check=True, stdout=subprocess.PIPE, cwd=place, env=dict(environment))
     return int(done.stdout) * 1e-9
 
 
 def _start(settle_s: float) -> tuple[float, float | None]:
-    """Seconds from the start of the process to the first sample received; then, after `settle_s`, resident memory, MB."""
+    """Return the time from the start of the process to the first received sample (s), and the resident memory `settle_s` later (MB)."""
     clock = SystemTime()
     begin = clock.now_ns()
     with serving(DEFAULT_SCENARIO) as served:

@@ -1,7 +1,7 @@
-"""Swarms: a hundred complete vehicles with their autopilots, free-running, alone and with a client; what a sample, a vehicle and a thousand cost;
-and copies of one.
+"""Swarms: a hundred complete vehicles with autopilots in free-run, with and without a client; the cost of a sample, of a vehicle and of a thousand
+vehicles; and batches of copies.
 
-Rates are simulated time over processor time of one core, or over wall time where more than one core or a client takes part.
+Rates are simulated time over processor time of one core, or over wall time if more than one core or a client is involved.
 """
 
 from __future__ import annotations
@@ -25,41 +25,41 @@ from uwserver_bench.swarm_scenario import SERVED, has_threads, scenario
 from uwserver_bench.swarm_threads import bench_threads
 
 BARS = {1: 400.0, 10: 60.0, 100: 6.0}
-"""By number of vehicles: simulated over processor time."""
+"""Simulated over processor time, by number of vehicles."""
 TWO_CORES_BAR, THRUST_BAR = 10.0, 45.0
 CLIENT_BAR = 0.7
-"""Of BARS, and of the rate without a client."""
+"""Least rate with a client, as a part of BARS and of the rate without a client."""
 NOISE_BAR_US, SAMPLE_BAR_US = 0.3, 0.7
 BANK = 100
 LARGE, LARGE_BAR, LARGE_MEMORY_BAR_MB, LARGE_LOAD_BAR_S = 1000, 1.0, 1500.0, 10.0
 COUNTS = (10, 500, LARGE)
-"""Vehicles from which the growth of cost is told."""
+"""Numbers of vehicles between which the growth of the cost is measured."""
 QUICK_COUNTS = (10, 100)
 QUICK_SERVERS = (1, 10)
 EXPONENT_BAR, MEMORY_EXPONENT_BAR = 1.1, 1.2
-"""The second is of differences between sizes of processes, of which 1 MB more or less makes 0.04."""
+"""The second one is higher, because it depends on differences of process sizes: 1 MB changes it by 0.04."""
 MEMORY_BAR_KB = 200.0
 COPIES, QUICK_COPIES = 1024, 64
 COPIED = {"physics": ((), 1.0e6), "IMU, depth, DVL and AHRS": (("imu", "depth", "dvl", "ahrs"), 3.0e5)}
-"""What copies do: the sensors that measure, and the bar in vehicle-steps a second on two cores."""
+"""Cases of batches: the sensors that measure, and the bar in vehicle-steps per second on two cores."""
 BOTTOM_BAR = 0.5
-"""Of copies over a bottom, to which their DVLs have lock, of the rate of the same in open water."""
+"""Least rate of copies over a bottom, to which their DVLs have lock, as a part of the rate in open water."""
 UNREAD_BAR = 0.9
-"""Of a world in a program that reads no samples, of the same as a server without clients has it."""
+"""Least rate of a world in a program that reads no samples, as a part of the rate in a server without clients."""
 UNKNOWN = "not measured: this system has no /proc"
 
 _Say = Callable[[str], None]
 
 
 def bench_swarm(quick: bool, say: _Say) -> list[Row]:
-    """The part of the report on swarms.
+    """Return the part of the report on swarms.
 
     Args:
-        quick: short repeats, without the thousand, and without a server of a hundred.
+        quick: short repeats, without the world of a thousand vehicles and the server of a hundred.
         say: gets a line of progress.
 
     Raises:
-        BenchFailed: a process did not do its part.
+        BenchFailed: a process did not work as expected.
     """
     effort = {"seconds": 0.02, "repeats": 1} if quick else {"seconds": 1.0, "repeats": 5}
     return [
@@ -75,7 +75,7 @@ def bench_swarm(quick: bool, say: _Say) -> list[Row]:
 
 
 def _world(task: str, **arguments: object) -> dict[str, Any]:
-    """A task of `swarm_world`, in a process that does nothing else."""
+    """Carry out a task of `swarm_world` in a new process, and return the result."""
     with loading("uwserver_bench.swarm_world") as load:
         return load.ask(task, **arguments)
 
@@ -85,7 +85,7 @@ def _vehicles(count: int) -> str:
 
 
 def _fleets(effort: dict[str, Any], say: _Say) -> list[Row]:
-    """Complete vehicles on their missions, read by nobody; and what the memory of one is."""
+    """Measure complete vehicles on their missions, without a reader; and the memory of one vehicle."""
     rows, memory = [], {}
     for count, bar in BARS.items():
         say(f"swarm: {_vehicles(count)} with sensors and autopilot")
@@ -107,7 +107,7 @@ def _fleets(effort: dict[str, Any], say: _Say) -> list[Row]:
 
 
 def _unread(counts: Sequence[int], effort: dict[str, Any], say: _Say) -> list[Row]:
-    """What a program pays for samples that it does not look at."""
+    """Measure the cost of samples that a program does not read."""
     rows = []
     for kind, what in (("navigation", "sensors and autopilot"), ("bluerov2_qgc", "as in bluerov2_qgc")):
         for count in counts:
@@ -119,8 +119,8 @@ def _unread(counts: Sequence[int], effort: dict[str, Any], say: _Say) -> list[Ro
 
 
 def _with_a_client(counts: Sequence[int], repeats: int, seconds: float, say: _Say) -> list[Row]:
-    """Servers of the same, free-running: what a client in another process leaves of their rate, in turns with and without it; and what a process
-    leaves that only computes, as cores that share caches, clock or units are slower together whatever the server does."""
+    """Measure free-running servers alternately with and without a client in another process. For comparison with a process that only
+    computes, because cores that share caches, clock or units slow each other down whatever the server does."""
     rows, busy = [], []
     for count in counts:
         alone, crowded, beside, samples = [], [], [], []
@@ -161,7 +161,7 @@ def _with_a_client(counts: Sequence[int], repeats: int, seconds: float, say: _Sa
 
 
 def _meanwhile(served: Served, client: Load, what: str, count: int, seconds: float) -> tuple[float, dict[str, Any]]:
-    """The rate while the client's process carries out a task, and the result of that."""
+    """Return the rate while the client process carries out a task, and the result of the task."""
     task = {"host": served.host, "port": served.port, "vehicles": count, "seconds": seconds + 1.0}
     client.begin(what, **task)
     SystemTime().wait(0.5, Event())
@@ -170,14 +170,14 @@ def _meanwhile(served: Served, client: Load, what: str, count: int, seconds: flo
 
 
 def _rate(served: Served, seconds: float) -> float:
-    """Simulated over wall time of a server."""
+    """Return simulated over wall time of a server."""
     begin, since = int(served.ask(STATUS)["t_ns"]), SystemTime().now_ns()
     SystemTime().wait(seconds, Event())
     return (int(served.ask(STATUS)["t_ns"]) - begin) / (SystemTime().now_ns() - since)
 
 
 def _alone(effort: dict[str, Any], say: _Say) -> list[Row]:
-    """Physics and thrusters alone."""
+    """Measure physics and thrusters alone."""
     say("swarm: physics and thrusters alone")
     title = "100 vehicles, physics and thrusters alone"
     alone = _world("thrust", vehicles=100, one_core=True, **effort)
@@ -192,7 +192,7 @@ def _alone(effort: dict[str, Any], say: _Say) -> list[Row]:
 
 
 def _samples(effort: dict[str, Any], say: _Say) -> list[Row]:
-    """What one sample costs in a bank."""
+    """Measure the cost of one sample in a world with many sensors of a kind."""
     say("swarm: samples in a bank")
     found = _world("read", vehicles=BANK, **effort | {"seconds": 0.2 * effort["seconds"]})
     noise, sample = tuple(found["noise_us"]), tuple(found["sample_us"])
@@ -203,7 +203,7 @@ def _samples(effort: dict[str, Any], say: _Say) -> list[Row]:
 
 
 def _growth(counts: Sequence[int], effort: dict[str, Any], say: _Say) -> list[Row]:
-    """Vehicles with IMU and depth in one world: how cost grows with their number, and what the largest takes."""
+    """Measure worlds of vehicles with IMU and depth sensor: how the cost grows with their number, and the cost of the largest world."""
     tick_s, resident = [], []
     for count in counts:
         say(f"swarm: {_vehicles(count)} with IMU and depth")
@@ -230,7 +230,7 @@ def _growth(counts: Sequence[int], effort: dict[str, Any], say: _Say) -> list[Ro
 
 
 def _memory_growth(counts: Sequence[int], resident: Sequence[float | None]) -> list[Row]:
-    """The same of memory, of what a vehicle adds among the last: the first ones find room that the process has anyway."""
+    """Measure the same for memory, by what the last vehicles add: the first ones use room that the process has anyway."""
     known = [mb for mb in resident if mb is not None][-3:]
     if len(known) < 3:
         return []
@@ -244,7 +244,7 @@ def _memory_growth(counts: Sequence[int], resident: Sequence[float | None]) -> l
 
 
 def _copies(copies: int, effort: dict[str, Any], say: _Say) -> list[Row]:
-    """A batch of BlueROV2 Heavy in open water, commanded ten times a second."""
+    """Measure a batch of BlueROV2 Heavy in open water, commanded ten times per second."""
     rows = []
     for what, (sensors, bar) in COPIED.items():
         say(f"swarm: batch of {copies}, {what}")

@@ -1,4 +1,4 @@
-"""Plays the client of `uwserver bench swarm`, in a process of its own: ``python -m uwserver_bench.swarm_client``, told as `uwserver_bench.load`."""
+"""The client of `uwserver bench swarm`, in a process of its own: ``python -m uwserver_bench.swarm_client``. Its tasks are as of `load`."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from uwserver_bench.processes import carry_out
 from uwserver_bench.swarm_scenario import START_M, mission, names, place
 
 PORTS = ("depth", "ahrs", "dvl", "autopilot/state")
-"""Of each vehicle, taken at RATE_HZ of simulated time, the latest."""
+"""Ports of each vehicle that are read, at RATE_HZ of simulated time, newest sample only."""
 RATE_HZ = 10.0
 AHRS_S = 2.0
-"""Simulated time until an AHRS knows where north is."""
+"""Simulated time until an AHRS has found north."""
 _PATIENCE_S = 60.0
 _TIME = re.compile(rb'"t_ns":([0-9]+)')
 _clock = SystemTime()
 
 
 def set_out(task: Mapping[str, Any]) -> dict[str, object]:
-    """Send all vehicles of a server on their missions, but the last, which holds its place for who gives it set points: nobody comes from behind it.
+    """Start the missions of all vehicles of a server except the last one. It stays where it is and gets set points; no other vehicle passes it.
 
     Raises:
-        ValueError: one was refused.
+        ValueError: a request was refused.
     """
     with _connection(task) as connection, connection.makefile("rb") as lines:
 
@@ -52,10 +52,10 @@ def set_out(task: Mapping[str, Any]) -> dict[str, object]:
 
 
 def follow(task: Mapping[str, Any]) -> dict[str, object]:
-    """Take PORTS of all vehicles, and send the last of them a set point in each simulated second, for `seconds` of wall time.
+    """For `seconds` of wall time, receive PORTS of all vehicles, and send the last vehicle a set point in each simulated second.
 
     Returns:
-        Samples and set points a simulated second.
+        Samples and set points per simulated second.
 
     Raises:
         ValueError: a request was refused.
@@ -95,7 +95,7 @@ def follow(task: Mapping[str, Any]) -> dict[str, object]:
 
 
 def compute(task: Mapping[str, Any]) -> dict[str, object]:
-    """Keep a core busy for `seconds` of wall time, and have nothing to do with the server."""
+    """Compute on one core for `seconds` of wall time, without the server."""
     end, numbers = _clock.now_ns() + int(task["seconds"] * NANOSECONDS), [k / 7.0 for k in range(100)]
     while _clock.now_ns() < end:
         json.dumps(numbers)

@@ -1,4 +1,4 @@
-"""The worlds of `uwserver bench swarm`, as files that anybody could write."""
+"""The worlds of `uwserver bench swarm`, as ordinary scenario files."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ Kind = Literal["navigation", "simple", "inertial", "copied", "over a bottom", "b
 
 RATE_HZ = 240
 SPACING_M, START_M, BOTTOM_M = 10.0, 5.0, 20.0
-"""Between two vehicles; depths of where they begin, and of the flat bottom that DVL and echosounder see."""
+"""Distance of two vehicles; depth at the start; depth of the flat bottom, which DVL and echosounder see."""
 LEG_M, LEGS, SPEED_MPS = 3000.0, 12, 0.4
-"""Of a mission, which takes a day of simulated time: at 1500 times real time that is a minute."""
+"""A mission takes a day of simulated time, which is a minute at 1500 times real time."""
 
 _HEAD = """\
 schema = 1
@@ -34,7 +34,7 @@ SERVED = """
 kind = "sockets"
 port = 0
 """
-"""What a server needs besides."""
+"""Further tables for a server."""
 
 _BOTTOM = f"""
 [seabed]
@@ -54,7 +54,8 @@ ahrs = {{ kind = "attitude", profile = "mems_ahrs", rate_hz = 60 }}
 dvl = {{ kind = "dvl", profile = "a50", rate_hz = 8 }}
 """
 _PARTS = {
-    # Of the vehicle `bluerov2_qgc`; IMU, pressure and depth are in its vehicle file. With its own pack, empty within seconds, it would surface.
+    # Sensors of the vehicle in `bluerov2_qgc`. IMU, pressure and depth are in its vehicle file. With its own battery, which is empty within seconds
+    # here, it would surface.
     "navigation": """
 [vehicles.{name}.autopilot]
 
@@ -69,7 +70,7 @@ leak = {{ kind = "leak", rate_hz = 2 }}
 [vehicles.{name}.override.sensors.pressure]
 enabled = false
 """,
-    # The same twice: its DVL pings into open water, or at the bottom.
+    # The same vehicle twice: its DVL pings in open water, or at a bottom.
     "copied": _COPIED,
     "over a bottom": _COPIED,
     "inertial": """
@@ -82,18 +83,18 @@ noisy = {{ kind = "imu", rate_hz = 120, modifiers = {{ noise = {{ kind = "white_
 
 
 def names(vehicles: int) -> list[str]:
-    """What the vehicles of a swarm are called."""
+    """Return the names of the vehicles of a swarm."""
     return [f"r{k:04d}" for k in range(vehicles)]
 
 
 def scenario(kind: Kind, vehicles: int, one_core: bool = True) -> str:
-    """The text of a scenario file: vehicles in rows of ten.
+    """Return the text of a scenario file with vehicles in rows of ten.
 
     Args:
         kind: "navigation": sensors and autopilot of `bluerov2_qgc`, over a bottom; in deep water "simple": IMU and depth, and "inertial": three
             further IMUs, with all errors, exact, and with white noise; what is "copied", there or "over a bottom"; or the shipped "bluerov2_qgc".
-        vehicles: how many.
-        one_core: the world steps in one thread; else in as many as it chooses.
+        vehicles: number of vehicles.
+        one_core: whether the world steps in one thread; otherwise it chooses the number.
     """
     if kind == "bluerov2_qgc":
         copies = f"copies = {{ count = {vehicles}, columns = 10, spacing_m = [{SPACING_M}, {SPACING_M}] }}"
@@ -112,12 +113,12 @@ def scenario(kind: Kind, vehicles: int, one_core: bool = True) -> str:
 
 
 def place(k: int) -> tuple[float, float]:
-    """North and east of where vehicle k begins, m; a mission leads away from all others."""
+    """Return north and east of the start of vehicle k, m. Missions lead away from all other vehicles."""
     return -SPACING_M * (k // 10), SPACING_M * (k % 10)
 
 
 def mission(k: int) -> list[dict[str, object]]:
-    """The items of vehicle k: to the north, a little deeper and back up with each leg."""
+    """Return the items of the mission of vehicle k: to the north, with legs that go a little deeper and up again."""
     north, east = place(k)
     items: list[dict[str, object]] = [{"kind": "speed", "speed_mps": SPEED_MPS}]
     for leg in range(1, LEGS + 1):
@@ -127,5 +128,5 @@ def mission(k: int) -> list[dict[str, object]]:
 
 
 def has_threads() -> bool:
-    """Whether this version can step a world in several threads."""
+    """Return whether this version can step a world in several threads."""
     return "threads" in WorldTable.__struct_fields__

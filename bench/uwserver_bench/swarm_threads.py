@@ -1,4 +1,4 @@
-"""What a second thread of a world costs: how soon it begins with its share of a loop, and whether ticks in real time come later for it."""
+"""A second thread of a world: how soon it begins with its part of a loop, and whether it makes ticks in real time late."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ from uwserver_bench.swarm_scenario import SERVED, names, scenario
 
 START_BAR_US = 5.0
 VEHICLES = 30
-"""Of the world whose ticks are late: enough that their loops are shared."""
+"""Vehicles in the world whose lateness is measured: enough that their loops are shared."""
 ADDED_BAR_MS = 0.3
 _COMMAND = (
     f'{{"jsonrpc":"2.0","id":1,"method":"command","params":{{"port":"{names(1)[0]}/thrusters",'
     '"value":{"u":[0.1,0.1,-0.1,-0.1,0.2,0.2,0.2,0.2]}}}'
 )
-_PATIENCE = 1_000_000  # turns, some 30 ms, until a thread that did not come counts for nothing
+_PATIENCE = 1_000_000  # about 30 ms: a thread that has not begun by then is not counted
 _ASLEEP_S = 0.002
-"""After which a thread that turns round has long been asleep."""
+"""After this time a thread that waits for work is asleep."""
 _clock = SystemTime()
 
 _Say = Callable[[str], None]
@@ -44,7 +44,7 @@ _Say = Callable[[str], None]
 
 @intrinsic  # type: ignore[untyped-decorator]  # numba has no types
 def _cycles(_context: Any) -> Any:
-    """The processor's count of time, the same on all cores."""
+    """Return the time stamp counter of the processor, which is the same on all cores."""
 
     def generate(context: Any, builder: Any, _signature: Any, _args: Any) -> Any:
         kind = ir.FunctionType(ir.IntType(64), [])
@@ -68,7 +68,7 @@ def _meet(first: int, end: int, me: int, times: Array) -> None:
 
 @entry
 def _start(team: Array, times: Array) -> None:
-    """Share a loop of two rows: `times` receives when it was handed out, and when the other thread began; 0 where it did not."""
+    """Share a loop of two rows. `times` receives the time of the start, and the time at which the other thread began, or 0 if it did not."""
     times[1] = 0
     times[0] = _cycles()
     share(team, _meet, (times,), 2, 1)
@@ -80,7 +80,7 @@ def _read_cycles(times: Array) -> None:
 
 
 def starts_us(count: int, pause_s: float) -> list[float]:
-    """How long another thread takes to begin, us, so often; between two times nobody shares anything for `pause_s`."""
+    """Return how long another thread takes to begin, us, for each of `count` tries. Nothing is shared for `pause_s` between two tries."""
     team, times = Team(2), np.zeros(2, np.int64)
     team.begin()
     team.shares = True
@@ -110,14 +110,14 @@ def _cycles_per_s(times: IntArray) -> float:
 
 
 def bench_threads(quick: bool, say: _Say) -> list[Row]:
-    """The rows on threads; none where a second one is of no use.
+    """Return the rows on threads; none if a second thread is of no use.
 
     Args:
         quick: one short repeat of each.
         say: gets a line of progress.
 
     Raises:
-        BenchFailed: a process did not do its part.
+        BenchFailed: a process did not work as expected.
     """
     why = why_alone()
     if why:
@@ -141,7 +141,7 @@ def _starts(quick: bool, say: _Say) -> list[Row]:
 
 
 def _lateness(pairs: int, seconds: float, say: _Say) -> list[Row]:
-    """Servers of the same world with one thread and with two, in real time, in turns, each with clients."""
+    """Measure servers of the same world in real time, alternately with one thread and with two, each with clients."""
     late: dict[int, list[float]] = {1: [], 2: []}
     with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder, loading() as load:
         for pair in range(pairs):
@@ -153,7 +153,7 @@ def _lateness(pairs: int, seconds: float, say: _Say) -> list[Row]:
                 with serving(file) as served:
                     load.do("clients", served, active=ACTIVE, silent=SILENT, seconds=seconds, request=_COMMAND)
                     found.append(lateness_p99_ms(served))
-    # Zero is less than what two measurements differ by.
+    # Two measurements differ by more than this, so the difference may be negative.
     added = tuple(max(0.0, two - one) for one, two in zip(late[1], late[2], strict=True))
     title = f"tick lateness p99, {VEHICLES} vehicles, {ACTIVE} active clients, {SILENT} that never read"
     return [

@@ -1,6 +1,7 @@
-"""One world of `uwserver bench swarm`, in a process of its own, so that memory and time are its alone: ``python -m uwserver_bench.swarm_world``.
+"""A world of `uwserver bench swarm`, in a process of its own: ``python -m uwserver_bench.swarm_world``. Thus
+memory and time are those of the world alone.
 
-One task a line on stdin (JSON), one result a line on stdout, as `uwserver_bench.load`.
+Tasks and results are lines on stdin and stdout, as of `uwserver_bench.load`.
 """
 
 from __future__ import annotations
@@ -35,14 +36,14 @@ from uwserver_bench.processes import carry_out, resident_mb
 from uwserver_bench.swarm_scenario import RATE_HZ, Kind, mission, names, scenario
 
 SETTLE_TICKS = 2 * RATE_HZ
-"""Until the AHRS knows where north is."""
+"""Time until the AHRS has found north."""
 _TICKS = 24
 _THRUSTERS = f"{names(1)[0]}/thrusters"
 _clock = SystemTime()
 
 
 def fly(task: Mapping[str, Any]) -> dict[str, object]:
-    """Load a swarm of `vehicles` of a `kind`, send those with an autopilot on their missions, and step it, free-running, read by nobody.
+    """Load a swarm of `vehicles` of a `kind`, start the missions of those with an autopilot, and step it in free-run, without a reader.
 
     Returns:
         Processor time of loading, s; simulated over processor time and over wall time, one value for each of `repeats` of `seconds` of
@@ -56,7 +57,7 @@ def fly(task: Mapping[str, Any]) -> dict[str, object]:
     if task["kind"] == "navigation":
         set_out(world, task["vehicles"])
         ticks(world, _TICKS)
-    # As a server does before it runs.
+    # A server does the same before it runs.
     gc.collect()
     gc.freeze()
     found = [pace(lambda: ticks(world, _TICKS), _TICKS, task["seconds"]) for _ in range(task["repeats"])]
@@ -64,8 +65,8 @@ def fly(task: Mapping[str, Any]) -> dict[str, object]:
 
 
 def unread(task: Mapping[str, Any]) -> dict[str, object]:
-    """Step a world of `vehicles` of a `kind` in turns: as `load` gives it, though nobody looks at its samples, and as a server without clients
-    has it, which makes none.
+    """Step a world of `vehicles` of a `kind` in two ways in turn: as `load` returns it, without reading its samples, and as in a server without
+    clients, which makes no samples.
 
     Returns:
         The first rate over the second, of processor time, one value for each of `repeats` of twice `seconds` of processor time.
@@ -85,10 +86,10 @@ def unread(task: Mapping[str, Any]) -> dict[str, object]:
 
 
 def thrust(task: Mapping[str, Any]) -> dict[str, object]:
-    """Physics and thrusters of `vehicles` alone, in a world whose sensors are off, commanded ten times a second: as `fly`.
+    """Step `vehicles` without sensors, commanded ten times per second: physics and thrusters alone.
 
     Returns:
-        Rates as of `fly`, and how many threads stepped the world, which has found out by then whether another pays.
+        Rates as of `fly`, and the number of threads that step the world; by then it has found out whether more are faster.
     """
     contender = OpenWater(task["vehicles"], threads=1 if task["one_core"] else "auto")
     contender.prepare()
@@ -101,11 +102,10 @@ def thrust(task: Mapping[str, Any]) -> dict[str, object]:
 
 
 def read(task: Mapping[str, Any]) -> dict[str, object]:
-    """Readings of IMUs in a bank of `vehicles`.
+    """Measure the readings of the IMUs of `vehicles`.
 
     Returns:
-        Microseconds of processor time for a sample with all errors, read and delivered; and what white noise on the specific force adds to
-        an exact one.
+        Processor time of a sample with all errors, from reading to delivery, us; and what white noise on the specific force adds to an exact sample.
     """
     world = loaded("inertial", task["vehicles"], True)
     world.want(())
@@ -114,7 +114,7 @@ def read(task: Mapping[str, Any]) -> dict[str, object]:
     sensor = world.sensors[f"{names(1)[0]}/inertial"].sensor
     assert isinstance(sensor, BankSensor)
     here, bank, count, now = world.instruments, sensor.bank, task["vehicles"], world.t_ns
-    # What is on its way must arrive, as it does in a world: time goes on, though nobody moves.
+    # Time goes on, so that samples in flight arrive as in a world, although no vehicle moves.
     times = itertools.count(now, NANOSECONDS // RATE_HZ)
 
     kernel, (*_, run) = straight(delivery.deliver), kernels(bank)
@@ -139,12 +139,11 @@ def read(task: Mapping[str, Any]) -> dict[str, object]:
 
 
 def copy(task: Mapping[str, Any]) -> dict[str, object]:
-    """Make a batch of `copies` of a BlueROV2 Heavy of which these `sensors` measure, in the water of a `kind`, and step it, commanded ten times a
-    second.
+    """Make a batch of `copies` of a BlueROV2 Heavy with these `sensors`, in the water of a `kind`, and step it, commanded ten times per second.
 
     Returns:
-        Processor time of loading, s, with all kernels ready; vehicle-steps a second of wall time, one value for each of `repeats` of `seconds`
-        of processor time.
+        Processor time of loading with compiled kernels, s; vehicle-steps per second of wall time, one value for each of `repeats` of `seconds` of
+        processor time.
     """
     copied(1, task["sensors"], task["kind"])
     begin = processor_ns()
@@ -164,13 +163,13 @@ def copy(task: Mapping[str, Any]) -> dict[str, object]:
 
 
 def copied(copies: int, sensors: Sequence[str], kind: Kind) -> Batch:
-    """A batch at t = 0."""
+    """Return a batch at t = 0."""
     with _written(kind, 1, True) as file:
         return uwserver.batch(file, copies, sensors=[f"{names(1)[0]}/{name}" for name in sensors])
 
 
 def loaded(kind: Kind, vehicles: int, one_core: bool) -> World:
-    """A swarm at t = 0."""
+    """Return a swarm at t = 0."""
     with _written(kind, vehicles, one_core) as file:
         return build(load(file, adapters={}))
 
@@ -184,12 +183,12 @@ def _written(kind: Kind, vehicles: int, one_core: bool) -> Iterator[Path]:
 
 
 def ticks(world: World, count: int) -> None:
-    """Step it, as a program does, and drop what it says."""
+    """Step a world as a program does, and drop its output."""
     world.step(count)
 
 
 def set_out(world: World, vehicles: int) -> None:
-    """Everyone begins a mission."""
+    """Start the missions of all vehicles."""
     for k, name in enumerate(names(vehicles)):
         world.call(f"{name}/autopilot/set_mission", items=mission(k))
         world.call(f"{name}/autopilot/arm")
@@ -197,7 +196,7 @@ def set_out(world: World, vehicles: int) -> None:
 
 
 def pace(run: Callable[[], None], steps: int, seconds: float) -> tuple[float, float]:
-    """Simulated over processor time and over wall time of so many seconds of processor time; `run` does some steps."""
+    """Return simulated over processor time and over wall time, of so many seconds of processor time. `run` makes some steps."""
     begin, wall, done = processor_ns(), _clock.now_ns(), 0
     while (spent := processor_ns() - begin) < seconds * NANOSECONDS or not done:
         run()
@@ -215,7 +214,7 @@ def _heads(world: World, vehicles: int, sensor: str) -> IntArray:
 
 
 def _us_each(run: Callable[[], None], count: int, seconds: float) -> float:
-    """Microseconds of processor time for each of `count` that a run does."""
+    """Return the processor time of each of the `count` steps of a run, us."""
     begin, done = processor_ns(), 0
     while (spent := processor_ns() - begin) < seconds * NANOSECONDS or not done:
         for _ in range(_TICKS):

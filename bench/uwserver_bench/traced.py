@@ -1,8 +1,8 @@
-"""A server that notes when each tick ended: ``python -m uwserver_bench.traced SCENARIO TRACE``.
+"""A server that records the time at which each tick ended: ``python -m uwserver_bench.traced SCENARIO TRACE``.
 
-TRACE becomes an array of int64, mapped into memory: at `tick` modulo its length stands the monotonic time (ns, the clock of all processes
-of this machine) at which the simulation thread had finished that tick, just before it handed the samples over. With the option ``threads``
-`spent_file` of TRACE becomes another, see `Threads`.
+TRACE becomes an array of int64, mapped into memory. Element `tick` modulo its length is the monotonic time (ns, the same clock in all processes of
+the machine) at which the simulation thread had finished the tick, just before it passed the samples on. With the option ``threads`` there is a
+second file, `spent_file` of TRACE; see `Threads`.
 """
 
 from __future__ import annotations
@@ -34,36 +34,36 @@ if TYPE_CHECKING:
     from uwserver.world.world import World
 
 TICKS = 1 << 16
-"""Ticks that the trace holds: more than four minutes at 250 Hz."""
+"""Number of ticks in the trace: more than four minutes at 250 Hz."""
 MEGABYTE_HZ = 10
 _VALUES = 1 << 17
 
 
 def open_trace(file: str | Path, mode: str = "r") -> npt.NDArray[np.int64]:
-    """The trace of a running server ("r"), or a new one ("w+")."""
+    """Open the trace of a running server ("r"), or a new one ("w+")."""
     return np.memmap(file, dtype=np.int64, mode=mode, shape=(TICKS,))  # type: ignore[call-overload,no-any-return]
 
 
 def spent_file(trace: str) -> str:
-    """Where the times of threads stand that belong to a trace."""
+    """Return the file with the times of the threads that belongs to a trace."""
     return f"{trace}.threads"
 
 
 def open_spent(trace: str, mode: str = "r") -> npt.NDArray[np.int64]:
-    """The times of threads of a running server, or a new array: a row for each tick, see `Threads`."""
+    """Open the times of the threads of a running server, or a new array. It has a row for each tick; see `Threads`."""
     return np.memmap(spent_file(trace), dtype=np.int64, mode=mode, shape=(TICKS, 3))  # type: ignore[call-overload,no-any-return]
 
 
 class Threads:
-    """What has been spent until now, ns: processor time of the loop's thread; time for which this thread or that of the simulation wanted
-    a processor that others had (0 where the system does not tell); processor time of the simulation's. Made on the loop's thread."""
+    """Reads the times of two threads, ns: processor time of the loop's thread; time for which this thread or the simulation thread waited for a
+    processor that other processes used (0 if the system does not tell); processor time of the simulation thread. Make it on the loop's thread."""
 
     def __init__(self) -> None:
         self._loop = time.pthread_getcpuclockid(threading.get_ident())
         self._files = [_scheduled(threading.get_native_id())]
 
     def now(self) -> tuple[int, int, int]:
-        """All three. Simulation thread."""
+        """Return all three times. Call it on the simulation thread."""
         if len(self._files) < 2:
             self._files.append(_scheduled(threading.get_native_id()))
         return time.clock_gettime_ns(self._loop), sum(map(_waited, self._files)), time.thread_time_ns()
@@ -81,7 +81,7 @@ def _waited(file: int | None) -> int:
 
 
 class Trace:
-    """The simulation's observer."""
+    """An observer of the simulation that writes the trace."""
 
     def __init__(self, ends: npt.NDArray[np.int64], spent: npt.NDArray[np.int64] | None = None) -> None:
         self._ends = ends
@@ -90,22 +90,22 @@ class Trace:
         self._clock = SystemTime()
 
     def requested(self, item: Command | Call, tick: int, batch: int) -> None:
-        """Nothing is noted of requests."""
+        """Do nothing: requests are not recorded."""
 
     def ticked(self, world: World) -> None:
-        """Note the time."""
+        """Record the time."""
         at = world.tick % TICKS
         if self._spent is not None:
             self._spent[at] = self._threads.now()
         self._ends[at] = self._clock.now_ns()
 
     def next_tick(self, tick: int) -> int:
-        """Each."""
+        """Return the next tick: every tick is recorded."""
         return tick + 1
 
 
 class Megabyte(IdealSensor):
-    """A sensor that gives 2**17 numbers: a megabyte as f64. Its first value tells whether a sample is whole and the right one."""
+    """A sensor with 2**17 numbers, a megabyte as f64. By the first one a client can check that a sample is complete and the right one."""
 
     fields = (Field("image", "1", "Numbers that mean nothing.", "S", (_VALUES,)),)
     doc = "A megabyte, to load the ways out."
@@ -114,12 +114,12 @@ class Megabyte(IdealSensor):
         self._values = tuple(k / 7.0 for k in range(_VALUES))
 
     def measure(self, scope: Scope) -> tuple[bool, list[Value]]:
-        """Always the same numbers."""
+        """Return always the same numbers."""
         return True, [self._values]
 
 
 def install_megabyte(world: World, vehicle: str) -> str:
-    """Put a `Megabyte` at 10 Hz on a vehicle, before the world runs; returns its path."""
+    """Add a `Megabyte` at 10 Hz to a vehicle, before the world runs. Returns its path."""
     path = f"{vehicle}/megabyte"
     port = Port(path, "sensor", "megabyte", Megabyte.fields, Megabyte.doc, float(MEGABYTE_HZ))
     divisor = round(world.rate_hz / MEGABYTE_HZ)
@@ -151,7 +151,7 @@ async def _serve(scenario: str, trace: str, options: list[str]) -> int:
 
 
 def main() -> None:
-    """Serve until SIGTERM; the addresses of all adapters go to stdout as JSON."""
+    """Serve until SIGTERM. Prints the addresses of all adapters as JSON."""
     set_up_logging("error", as_json=False)
     scenario, trace, *options = sys.argv[1:]
     sys.exit(asyncio.run(_serve(scenario, trace, options)))

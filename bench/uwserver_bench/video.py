@@ -1,4 +1,4 @@
-"""Video: what a picture costs in each encoding, and whether a stream beside a world delays a tick."""
+"""Video: cost of a picture in each encoding, and whether a video stream delays the ticks of a world."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ rtp = "127.0.0.1:{port}"
 
 
 def pictures() -> list[NDArray[np.uint8]]:
-    """Some pictures with the veil, blobs and grain of a view under water, which moves."""
+    """Return moving pictures with the haze, blobs and grain of a view under water."""
     rng = np.random.default_rng(1)
     y, x = np.mgrid[0:HEIGHT, 0:WIDTH]
     found = []
@@ -94,14 +94,14 @@ def pictures() -> list[NDArray[np.uint8]]:
 
 
 def bench_video(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """The part of the report on video.
+    """Return the part of the report on video.
 
     Args:
         quick: short repeats.
         say: gets a line of progress.
 
     Raises:
-        BenchFailed: a process did not do its part.
+        BenchFailed: a process did not work as expected.
     """
     repeats, count, seconds = (1, 30, 2.0) if quick else (5, 200, 8.0)
     has_h264 = importlib.util.find_spec("av") is not None
@@ -158,7 +158,7 @@ def _cost_ms(encode: Callable[[int], object], count: int) -> float:
 
 
 def _served(seconds: float, adapter: str) -> tuple[float, float]:
-    """Lateness p99 in ms, and the cores that the server keeps busy."""
+    """Return the p99 of the lateness in ms, and the number of cores that the server uses."""
     clock = SystemTime()
     with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder:
         Path(folder, "still.py").write_text(CAMERA, encoding="utf-8")

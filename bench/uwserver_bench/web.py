@@ -1,5 +1,5 @@
-"""The web view: what a page that draws twenty vehicles costs a server, whether twenty pages, half of which do not read, delay a tick, and how soon
-a browser shows the first picture, where one is installed."""
+"""The web view: cost of a page that shows twenty vehicles, whether twenty pages, half of which do not read, delay ticks, and how soon a browser shows
+the first picture, if one is installed."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from uwserver_bench.swarm_scenario import SERVED, scenario
 VEHICLES = 20
 PAGES, DEAF = 20, 10
 SHARE_BAR = 0.03
-"""Of a core, that one page costs."""
+"""Largest part of a core that one page may cost."""
 BYTES_BAR_KB = 25.0
 LATENESS_BAR_MS = 1.0
 FRAMES_HZ = 30.0
 FIRST_BAR_S = 2.0
-"""From the moment the page is asked for to the first picture of the world."""
+"""Longest time from the request of the page to the first picture of the world."""
 FIRST_SHOWN = "bluerov2_pool"
 _LEAST = 0.8
-"""Of the states that a page should get."""
+"""Least part of the states that a page must get."""
 
 
 def bench_web(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """The part of the report on the web view.
+    """Return the part of the report on the web view.
 
     Args:
         quick: short repeats.
         say: gets a line of progress.
 
     Raises:
-        BenchFailed: a process did not do its part.
+        BenchFailed: a process did not work as expected.
     """
     repeats, seconds = (1, 1.0) if quick else (5, 6.0)
     shares, rates, frames, crowded, alone = [], [], [], [], []
@@ -48,7 +48,9 @@ def bench_web(quick: bool, say: Callable[[str], None]) -> list[Row]:
         file.write_text(scenario("simple", VEHICLES) + SERVED, encoding="utf-8")
         with serving(file) as served:
             host, port = _view(served)
-            load.ask("watch", host=host, port=port, pages=1, deaf=0, seconds=0.5)  # what is loaded with the first page
+            load.ask(
+                "watch", host=host, port=port, pages=1, deaf=0, seconds=0.5
+            )  # the first page makes the server load modules
             for repeat in range(repeats):
                 say(f"web: a page, {repeat + 1} of {repeats}")
                 idle = _spent(served, seconds)
@@ -73,7 +75,7 @@ def bench_web(quick: bool, say: Callable[[str], None]) -> list[Row]:
 
 
 def _view(served: Served) -> tuple[str, int]:
-    """Where the web view is."""
+    """Return the address of the web view."""
     adapters = served.ask(STATUS)["value"]["adapters"]
     found = re.fullmatch(r"http://([\d.]+):(\d+)/", adapters.get("web", {}).get("address", ""))
     if found is None:
@@ -82,7 +84,7 @@ def _view(served: Served) -> tuple[str, int]:
 
 
 def _spent(served: Served, seconds: float) -> float:
-    """Cores that the server keeps busy."""
+    """Return the number of cores that the server uses."""
     clock = SystemTime()
     before, since = processor_s(served.pid), clock.now_ns()
     clock.wait(seconds, Event())
@@ -92,7 +94,7 @@ def _spent(served: Served, seconds: float) -> float:
 def _watched(
     served: Served, load: Load, host: str, port: int, pages: int, deaf: int, seconds: float
 ) -> tuple[float, dict[str, Any]]:
-    """The same while pages are open, and what these have got."""
+    """Return the same while pages are open, and what the pages received."""
     clock = SystemTime()
     before, since = processor_s(served.pid), clock.now_ns()
     told = load.ask("watch", host=host, port=port, pages=pages, deaf=deaf, seconds=seconds)
@@ -110,7 +112,7 @@ def _lateness_ms(served: Served) -> float:
 
 
 def _first_pictures(repeats: int, say: Callable[[str], None]) -> tuple[float, ...]:
-    """Seconds until a browser that runs already, and has nothing of the page, has drawn the world; none where no browser is installed."""
+    """Return the seconds until a running browser, whose cache is empty, has drawn the world; nothing if no browser is installed."""
     try:
         program = chromium()
     except NoChromium as error:
@@ -129,4 +131,4 @@ def _first_pictures(repeats: int, say: Callable[[str], None]) -> tuple[float, ..
                     page.close()
         except ChromiumFailed as error:
             raise BenchFailed(f"the browser failed: {error}") from error
-    return tuple(found[1:])  # with the first one the browser itself, and the server's files, are loaded
+    return tuple(found[1:])  # the first one also loads the browser, and the files of the server

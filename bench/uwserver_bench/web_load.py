@@ -1,4 +1,4 @@
-"""Plays pages for `uwserver bench web`, in a process of its own: ``python -m uwserver_bench.web_load``, told as `uwserver_bench.load`."""
+"""The pages of `uwserver bench web`, in a process of their own: ``python -m uwserver_bench.web_load``. Its tasks are as of `load`."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from uwserver.units import NANOSECONDS
 _PATIENCE_S = 60.0
 _KEY = base64.b64encode(bytes(16)).decode()
 _SMALL = 4096
-"""Bytes that the kernel keeps for a page that does not read."""
+"""Size of the receive buffer of a page that does not read, bytes."""
 _BINARY = 0x82
 _LONG = 126
 _clock = SystemTime()
 
 
 def watch(task: Mapping[str, Any]) -> dict[str, object]:
-    """Open `pages` pages, of which `deaf` do not read, and read for `seconds` of wall time.
+    """Open `pages` pages, of which `deaf` do not read, and read the others for `seconds` of wall time.
 
     Returns:
-        Bytes and states a second of a page that reads.
+        Bytes and states per second of a page that reads.
 
     Raises:
         ValueError: a page was refused.
@@ -57,7 +57,7 @@ def watch(task: Mapping[str, Any]) -> dict[str, object]:
 
 
 def _rest(data: bytes) -> tuple[bytes, int]:
-    """What is left behind whole messages, and how many of these were binary."""
+    """Return the rest behind complete messages, and how many of them were binary."""
     binary = at = 0
     while len(data) - at >= 2:
         size, head = data[at + 1], 2
@@ -99,7 +99,7 @@ def _page(task: Mapping[str, Any], deaf: bool) -> Iterator[socket.socket]:
 
 
 def _text(message: str) -> bytes:
-    """A short text message of a client, masked with zeros."""
+    """Return a short text message of a client, masked with zeros."""
     body = message.encode()
     return struct.pack("BB", 0x81, 0x80 | len(body)) + bytes(4) + body
 

@@ -1,6 +1,6 @@
-"""One small peer for each transport, all with the same few methods: what the load process and the tests of all transports speak through.
+"""A small client for each transport, all with the same few methods, for the load process and for tests of all transports.
 
-A message is a map of the shapes of docs/reference/protocol.md, whatever carried it.
+A message is a map as in docs/reference/protocol.md, for every transport.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _clock = SystemTime()
 
 
 class Message(NamedTuple):
-    """A decoded message, and the monotonic time (ns) at which the client had it."""
+    """A decoded message, and the monotonic time (ns) at which the client received it."""
 
     at_ns: int
     body: dict[str, Any]
@@ -36,26 +36,26 @@ class Peer(Protocol):
     """One client of a server."""
 
     def send(self, method: str, params: Mapping[str, object], identity: int) -> None:
-        """Begin a request."""
+        """Send a request."""
 
     def receive(self, timeout_s: float) -> list[Message]:
-        """What came; [] when nothing did in time.
+        """Return the messages that have arrived; [] if none came in time.
 
         Raises:
-            ConnectionError: the server ended the connection.
+            ConnectionError: the server closed the connection.
         """
 
     def fileno(self) -> int | None:
-        """For a selector; None where there is none to select."""
+        """Return the file descriptor, for a selector; None if there is none."""
 
     def close(self) -> None:
-        """End it."""
+        """Close the connection."""
 
 
 def ask(
     peer: Peer, method: str, timeout_s: float = CONNECT_S, seen: list[Message] | None = None, **params: object
 ) -> Any:
-    """One request and its result; other messages that come meanwhile go to `seen`.
+    """Send a request, and return its result. Other messages that come meanwhile are added to `seen`.
 
     Raises:
         Refusal: the server refused it.
@@ -79,17 +79,17 @@ def ask(
 
 
 class Framing(Protocol):
-    """Messages of one connection to bytes and back."""
+    """Encodes and decodes the messages of one connection."""
 
     def encode(self, body: Mapping[str, object]) -> bytes:
-        """One message."""
+        """Encode a message."""
 
     def feed(self, chunk: bytes) -> list[dict[str, Any]]:
-        """The messages that have come whole."""
+        """Return the messages that are complete with these bytes."""
 
 
 class JsonLines:
-    """One JSON object a line."""
+    """One JSON object in each line."""
 
     def __init__(self) -> None:
         self._rest = b""
@@ -105,7 +105,7 @@ class JsonLines:
 
 
 class MsgpackFrames:
-    """u32 big-endian length, then one msgpack map."""
+    """Length as u32, big-endian, then one msgpack map."""
 
     def __init__(self) -> None:
         self._rest = bytearray()
@@ -130,11 +130,11 @@ class MsgpackFrames:
 
 
 class SocketPeer:
-    """A connected TCP or UDP socket in one framing.
+    """A connected TCP or UDP socket with a framing.
 
     Args:
         connected: the socket.
-        framing: of what goes through it.
+        framing: of its messages.
     """
 
     def __init__(self, connected: socket.socket, framing: Framing) -> None:
@@ -169,7 +169,7 @@ class SocketPeer:
 
 
 class WebSocketFrames:
-    """Text messages of JSON in a WebSocket, by the sans-I/O half of the websockets library."""
+    """JSON in text messages of a WebSocket, by the part of the websockets library that does no I/O."""
 
     def __init__(self, connected: socket.socket, host: str, port: int) -> None:
         from websockets.client import ClientProtocol
@@ -208,7 +208,7 @@ class WebSocketFrames:
 
 
 class Datagrams:
-    """One JSON message a datagram."""
+    """One JSON message in each datagram."""
 
     def encode(self, body: Mapping[str, object]) -> bytes:
         """See `Framing`."""
@@ -220,7 +220,7 @@ class Datagrams:
 
 
 class ZenohPeer:
-    """A zenoh session with a server; its callbacks decode, stamp and queue."""
+    """A zenoh session with a server. Its callbacks decode messages, add the time, and queue them."""
 
     def __init__(self, endpoint: str, server: str = "uwserver", mode: str = "peer") -> None:
         import zenoh
@@ -242,7 +242,7 @@ class ZenohPeer:
         self._queue: queue.SimpleQueue[Message] = queue.SimpleQueue()
 
     def send(self, method: str, params: Mapping[str, object], identity: int) -> None:
-        """See `Peer`. Over zenoh `subscribe` is the session's own affair; with the answer to any question after it the server knows of it."""
+        """See `Peer`. The zenoh session itself handles `subscribe`. When a later request is answered, the server knows of the subscription."""
         if method == "subscribe":
             key = f"{self._root}/{params['pattern']}"
             self._session.declare_subscriber(
@@ -283,7 +283,7 @@ class ZenohPeer:
 
     def _on_sample(self, sample: Any) -> None:
         if sample.attachment is None:
-            return  # a command of another client
+            return  # the reply to a command of another client
         meta = _decoded(sample.attachment.to_bytes(), str(sample.encoding))
         params = {**meta, "value": _decoded(sample.payload.to_bytes(), str(sample.encoding))}
         self._queue.put(Message(_clock.now_ns(), {"method": "sample", "params": params}))
@@ -300,11 +300,11 @@ def _decoded(payload: bytes, media: str) -> Any:
 
 
 def connect(wire: str, address: str) -> Peer:
-    """Connect by a transport of `WIRES`: `address` is "host:port", for zenoh an endpoint.
+    """Connect by a transport of `WIRES`. `address` is "host:port", or an endpoint for zenoh.
 
     Raises:
-        OSError: nobody answers.
-        ImportError: the transport's library is not installed.
+        OSError: no server answers.
+        ImportError: the library of the transport is not installed.
     """
     return WIRES[wire](address)
 
@@ -326,7 +326,7 @@ def _udp(address: str) -> SocketPeer:
     connected.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
     connected.connect((host, int(port)))
     peer = SocketPeer(connected, Datagrams())
-    # The first hello is answered by a cookie, which a second one must show.
+    # The first hello is answered with a cookie, which the second one must contain.
     hello = {"version": 1, "cookie": "-" * 64}
     for _ in range(2):
         peer.send("hello", hello, 0)
@@ -345,4 +345,4 @@ WIRES: Mapping[str, Callable[[str], Peer]] = {
     "UDP": _udp,
     "zenoh": ZenohPeer,
 }
-"""How to connect by each transport."""
+"""The function that connects, for each transport."""

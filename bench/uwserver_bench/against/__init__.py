@@ -1,1 +1,1 @@
-"""`uwserver bench --against VENV`: this version beside another one, measured in pairs."""
+"""`uwserver bench --against VENV`: compares this version with another one, in pairs of measurements."""

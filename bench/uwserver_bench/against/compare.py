@@ -1,4 +1,4 @@
-"""A whole comparison of two versions: all figures, in pairs."""
+"""The whole comparison of two versions: all figures, in pairs."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ _ORDER = {"loading": 0, "ticks": 1, "state": 2, "start": 3, "server": 4, "latenc
 
 
 def compare(venv: Path, pairs: int, minutes: float, quick: bool, only: str, say: Say) -> Comparison:
-    """This version beside the one that is installed in another virtual environment.
+    """Compare this version with the one in another virtual environment.
 
     Args:
-        venv: its folder.
-        pairs: how many at most.
-        minutes: no pair begins after so long.
-        quick: hardly any work in each.
-        only: figures whose group and name do not contain this text are left out.
+        venv: folder of the other environment.
+        pairs: largest number of pairs.
+        minutes: after this time no pair begins.
+        quick: very little work in each measurement.
+        only: only figures whose group and name contain this text are measured.
         say: gets lines of progress.
 
     Raises:
-        BenchFailed: there is no such version, ours cannot do something, or no figure is wanted.
+        BenchFailed: there is no such version, our version fails, or `only` matches no figure.
     """
     versions = {"ours": ours(), "theirs": theirs(venv)}
     machine, values, clock = machine_facts(), Pairs(only), SystemTime()

@@ -1,4 +1,4 @@
-"""One thing measured of both versions in pairs, its verdict, and the report of all of them."""
+"""Figures of both versions with their verdicts, and the report of all figures."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from uwserver_bench.against.intervals import median_interval
 
 FORMAT = "uwserver-bench-against-1"
 MARGIN = 1.05
-"""Ours may take so many times what theirs takes before it counts."""
+"""Ours counts as worse if it takes more than this times what theirs takes."""
 
 Verdict = Literal["ok", "better", "worse", "open", "few", "both miss", "absent"]
 MEANING: Mapping[Verdict, str] = {
@@ -24,14 +24,14 @@ MEANING: Mapping[Verdict, str] = {
 
 @dataclass(frozen=True)
 class Figure:
-    """A cost, so that less is better, of this version and of the other.
+    """A cost of this version and of the other one; less is better.
 
     Attributes:
         group: part of the report.
         name: what was measured.
         unit: of the values.
-        ours, theirs: one value a pair, in the order they were taken; empty when it could not be measured.
-        bar: set for a latency and for the import: what the median must not pass. All others are judged by their ratios.
+        ours, theirs: one value for each pair, in their order; empty if the figure could not be measured.
+        bar: largest allowed median, for latencies and for the import. All other figures are judged by their ratios.
         note: why it could not be measured.
     """
 
@@ -45,17 +45,17 @@ class Figure:
 
     @property
     def ratios(self) -> tuple[float, ...]:
-        """Ours over theirs, pair by pair; pairs where theirs is nothing have none."""
+        """Ours over theirs for each pair, without the pairs in which theirs is zero."""
         return tuple(a / b for a, b in zip(self.ours, self.theirs, strict=False) if b > 0.0)
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """Where the median of the ratios is with 95 % confidence."""
+        """The 95 % confidence interval of the median of the ratios."""
         return median_interval(self.ratios)
 
     @property
     def verdict(self) -> Verdict:
-        """What has a bar is judged by it, and must not be the chance of a busy moment; all others by the interval."""
+        """The verdict. A figure with a bar is judged by the bar and must be worse beyond chance; all others are judged by the interval."""
         if not self.ratios:
             return "absent"
         if self.bar is not None:
@@ -80,9 +80,9 @@ class Comparison:
     """All figures of one run.
 
     Attributes:
-        quick: made with --quick: shows that everything runs, not how fast it is.
+        quick: whether it was made with --quick; then it only shows that everything runs.
         machine: see `uwserver_bench.report.machine_facts`.
-        versions: what each side says of itself, by "ours" and "theirs".
+        versions: facts of each installation, for "ours" and "theirs".
     """
 
     quick: bool
@@ -93,11 +93,11 @@ class Comparison:
 
     @property
     def worse(self) -> tuple[Figure, ...]:
-        """Those that are."""
+        """The figures that are worse."""
         return tuple(figure for figure in self.figures if figure.verdict == "worse")
 
     def as_json(self) -> dict[str, object]:
-        """Plain values; every figure with its raw values."""
+        """Return plain values: all figures with their raw values."""
         figures = [
             {
                 **asdict(f),
@@ -113,7 +113,7 @@ class Comparison:
         }  # fmt: skip
 
     def table(self) -> str:
-        """One line a figure, grouped, and what the verdicts mean."""
+        """Return a table with a line for each figure, by groups, and an explanation of the verdicts."""
         lines = [f"{side:6} {_version_line(facts)}" for side, facts in self.versions.items()]
         if len({facts["folder"] for facts in self.versions.values()}) == 1:
             lines.append("both sides are the same installation: what differs is the noise of the measurement")
@@ -136,7 +136,7 @@ def _version_line(facts: Mapping[str, object]) -> str:
     packages = facts["packages"]
     assert isinstance(packages, Mapping)
     told = ", ".join(f"{name} {version}" for name, version in packages.items())
-    # Each installed distribution is a folder more to look through at every start.
+    # Each installed distribution is a further folder that every start searches.
     return f"{facts['folder']}, Python {facts['python']}, {told}, {facts['distributions']} distributions"
 
 

@@ -1,4 +1,4 @@
-"""An installed version of uwserver: its Python, and how a process of it is started without seeing the other one."""
+"""An installed version of uwserver: its Python, and an environment in which its processes do not see the other version."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from uwserver_bench.processes import BenchFailed
 
 PACKAGES = ("uwserver", "numpy", "numba", "msgspec")
 EXTRAS = ("pymavlink", "zenoh")
-"""What some adapters need."""
+"""Packages that some adapters need."""
 _FACTS = """
 import json, platform
 from importlib import metadata
@@ -38,8 +38,8 @@ class Installation:
 
     Attributes:
         side: "ours" or "theirs".
-        python: its program.
-        environment: of its processes.
+        python: program of its Python.
+        environment: environment variables of its processes.
     """
 
     side: str
@@ -47,13 +47,13 @@ class Installation:
     environment: Mapping[str, str]
 
     def facts(self, place: Path) -> Mapping[str, Any]:
-        """Folder of the package, version of Python, versions of packages, which extras there are, and how many distributions.
+        """Return folder of the package, version of Python, versions of packages, the installed extras, and the number of distributions.
 
         Args:
-            place: an empty folder to work in: Python would look for packages in any other.
+            place: an empty working directory; Python would look for packages in any other.
 
         Raises:
-            BenchFailed: there is no uwserver.
+            BenchFailed: uwserver is not installed there.
         """
         code = f"PACKAGES, EXTRAS = {PACKAGES!r}, {EXTRAS!r}\n{_FACTS}"
         done = subprocess.run(
@@ -67,12 +67,12 @@ class Installation:
 
 
 def ours() -> Installation:
-    """The one that runs this command."""
+    """Return the installation that runs this command."""
     return Installation("ours", sys.executable, dict(os.environ))
 
 
 def theirs(venv: Path) -> Installation:
-    """That of another virtual environment.
+    """Return the installation in another virtual environment.
 
     Raises:
         BenchFailed: there is no Python in the folder.
@@ -80,6 +80,6 @@ def theirs(venv: Path) -> Installation:
     python = venv.absolute() / "bin" / "python"
     if not python.is_file():
         raise BenchFailed(f"{venv} is no virtual environment: {python} is missing. Make one: python -m venv {venv}")
-    # PYTHONPATH would show it our version, and our settings are not its own.
+    # With PYTHONPATH it would find our version, and our settings are not meant for it.
     foreign = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     return Installation("theirs", str(python), foreign)

@@ -1,4 +1,4 @@
-"""How sure the median of a few ratios is."""
+"""Confidence interval of the median of a few ratios."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 
 def median_interval(values: Sequence[float], confidence: float = 0.95) -> tuple[float, float] | None:
-    """The narrowest pair of order statistics, as many from either end, that holds the median with at least this confidence.
+    """Return the narrowest symmetric pair of order statistics that contains the median with at least this confidence.
 
     It follows from the sign test: each value lies above the median with probability one half, whatever the distribution (W. J. Conover,
     Practical Nonparametric Statistics, 3rd ed., 1999, section 3.2). Of 15 values these are the 4th and the 12th (96.5 %).
@@ -17,7 +17,7 @@ def median_interval(values: Sequence[float], confidence: float = 0.95) -> tuple[
         confidence: between 0 and 1.
 
     Returns:
-        Both ends; None when there are too few values, fewer than six for 95 %.
+        Both ends; None if there are too few values (fewer than six for 95 %).
     """
     ordered = sorted(values)
     n, outside, cut = len(ordered), 0.0, 0

@@ -1,4 +1,4 @@
-"""Values of both versions, as they come in pairs, in turns."""
+"""Collects the values of both versions, which are measured in pairs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SIDES = ("ours", "theirs")
 
 
 class Kind(NamedTuple):
-    """What a figure is; see `Figure`."""
+    """Group, name and unit of a figure; see `Figure`."""
 
     group: str
     name: str
@@ -22,14 +22,14 @@ class Kind(NamedTuple):
 
 
 class Unable(Exception):
-    """One version cannot do this; the text is its own."""
+    """One version cannot do this; the text is its error."""
 
 
 class Pairs:
-    """Collects the values of each figure; one that the other version cannot do is left out from then on.
+    """Collects the values of all figures. A figure that the other version cannot do is left out from then on.
 
     Args:
-        only: figures whose group and name do not contain this text are not measured.
+        only: only figures whose group and name contain this text are measured.
     """
 
     def __init__(self, only: str = "") -> None:
@@ -38,19 +38,19 @@ class Pairs:
         self._unable: dict[Kind, str] = {}
 
     def wanted(self, kind: Kind) -> bool:
-        """Whether this figure is measured."""
+        """Return whether a figure is to be measured."""
         return self._only in f"{kind.group}: {kind.name}".lower() and kind not in self._unable
 
     def left_out(self, kind: Kind) -> bool:
-        """Whether it has turned out that this cannot be measured."""
+        """Return whether a figure was left out because it cannot be measured."""
         return kind in self._unable
 
     def add(self, kind: Kind, side: str, value: float) -> None:
-        """A value of one side; those of a pair belong together in the order in which they are added."""
+        """Add a value of one side. The k-th values of both sides are a pair."""
         self._values.setdefault(kind, {name: [] for name in SIDES})[side].append(value)
 
     def measure(self, kind: Kind, turns: Sequence[str], cost: Callable[[str], float]) -> None:
-        """One pair: the cost of each turn, whose sides may come several times; their means are the values.
+        """Measure a pair: the cost of each turn. A side may have several turns; the value is their mean.
 
         Raises:
             BenchFailed: our version cannot do it.
@@ -70,18 +70,18 @@ class Pairs:
             self.add(kind, side, sum(values) / len(values))
 
     def leave_out(self, kind: Kind, why: str) -> None:
-        """Do not measure this from now on, and say why in the report."""
+        """Leave a figure out from now on, and give the reason in the report."""
         self._unable[kind] = why
         self._values[kind] = {name: [] for name in SIDES}
 
     def figures(self, order: Mapping[str, int]) -> Iterator[Figure]:
-        """All of them, by group."""
+        """Return all figures, by group."""
         for kind in sorted(self._values, key=lambda kind: order[kind.group]):
             ours, theirs = (tuple(self._values[kind][side]) for side in SIDES)
             yield Figure(kind.group, kind.name, kind.unit, ours, theirs, kind.bar, self._unable.get(kind, ""))
 
 
 def in_turns(pair: int) -> tuple[str, ...]:
-    """Ours, theirs, theirs, ours, and in the next pair the other way round: a drift of the machine falls on both alike."""
+    """Return the turns of a pair: ours, theirs, theirs, ours; in the next pair the reverse. So a drift of the machine affects both sides alike."""
     first, second = SIDES if pair % 2 == 0 else SIDES[::-1]
     return (first, second, second, first)

@@ -1,7 +1,7 @@
-"""Runs worlds of one version of uwserver, and tells their processor time: run by that version's Python, ``python probe.py``.
+"""Runs worlds of one version of uwserver, and measures their processor time. The Python of that version runs it: ``python probe.py``.
 
-One task a line on stdin (JSON), one result a line on stdout. It uses nothing but `uwserver.load` and the documented methods of a world, and
-the standard library, so that any version can be measured; and it imports nothing of the benchmark, which that version may not have.
+Each line on stdin is a task (JSON), and each line on stdout a result. It uses only `uwserver.load`, the documented methods of a world, and the
+standard library, so that any version can be measured. It imports nothing of the benchmark, because that version may not have it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Task = Mapping[str, Any]
 
 
 def load(task: Task) -> int:
-    """Load a scenario, and keep its world under a name if one is given."""
+    """Load a scenario. Keep its world under a name, if one is given."""
     gc.collect()
     start = time.thread_time_ns()
     world = uwserver.load(task["file"])
@@ -31,7 +31,7 @@ def load(task: Task) -> int:
 
 
 def call(task: Task) -> int:
-    """Call services of a world, `times` over."""
+    """Call services of a world, repeated `times`."""
     world = worlds[task["name"]]
     gc.collect()
     start = time.thread_time_ns()
@@ -42,7 +42,7 @@ def call(task: Task) -> int:
 
 
 def step(task: Task) -> int:
-    """Let time go on; each of `ports` gets the next of `commands` after every `every` ticks. From the start of the scenario, if `reset`."""
+    """Step a world. Each of `ports` gets the next of `commands` after every `every` ticks. With `reset` the world is reset first."""
     world, commands, every = worlds[task["name"]], task["commands"], task["every"]
     if task["reset"]:
         world.call("world/reset")

@@ -1,4 +1,4 @@
-"""Scenarios that every version reads: keys of the first releases alone, in files of our own, so that both sides simulate the same."""
+"""Scenarios that every version can read: files of our own, with keys of the first releases only, so that both sides simulate the same."""
 
 from __future__ import annotations
 
@@ -122,38 +122,38 @@ listen = ["tcp/127.0.0.1:0"]
 
 
 def vehicles(count: int) -> list[str]:
-    """Their names."""
+    """Return the names of the vehicles."""
     return ["rov"] if count == 1 else [f"rov_{k}" for k in range(1, count + 1)]
 
 
 def open_water(count: int) -> str:
-    """Vehicles with thrusters and no sensor, 100 m deep, without a bottom."""
+    """Return vehicles with thrusters and without sensors, 100 m deep, without a bottom."""
     return _HEAD + _placed(count, 100.0) + _BLIND
 
 
 def with_sensors(count: int) -> str:
-    """Vehicles as their file has them, over a bottom."""
+    """Return vehicles with the sensors of their vehicle file, over a bottom."""
     return _HEAD + _BOTTOM.format(depth=60.0) + _placed(count, 30.0)
 
 
 def navigation(count: int) -> str:
-    """Vehicles with navigation sensors and autopilots, as in bluerov2_qgc."""
+    """Return vehicles with navigation sensors and autopilots, as in bluerov2_qgc."""
     return _HEAD + _BOTTOM.format(depth=20.0) + _placed(count, 5.0) + _NAVIGATION
 
 
 def contact(count: int) -> str:
-    """Vehicles on the bottom, a crate before each."""
+    """Return vehicles on the bottom, each in front of a crate."""
     crates = "".join(_CRATE.format(k=k, east=SPACING_M * k) for k in range(count))
     return _HEAD + _BOTTOM.format(depth=10.0) + _placed(count, 9.84) + _BLIND + _SMOOTH + crates
 
 
 def server(mavlink: bool, zenoh: bool) -> str:
-    """One vehicle with truth at every tick, served by all adapters on free ports."""
+    """Return one vehicle with truth at every tick, served by all adapters on free ports."""
     return _HEAD + _BOTTOM.format(depth=20.0) + _SERVER + (_MAVLINK if mavlink else "") + (_ZENOH if zenoh else "")
 
 
 def write_survey(folder: Path) -> Path:
-    """A vehicle with sonar, DVL, altimeter, GPS and IMU above a seabed of 99 458 triangles; the file of the scenario."""
+    """Write a scenario of a vehicle with sonar, DVL, altimeter, GPS and IMU above a seabed of 99 458 triangles. Returns its file."""
     depth = seabed_mesh().vertices[:, 2] + DEPTH_M
     size = round(len(depth) ** 0.5)
     np.save(folder / "seabed.npy", depth.reshape(size, size))

@@ -1,7 +1,7 @@
-"""Servers of both versions, with the same clients: processor time of their processes for the same simulated time, start, memory, latencies.
+"""Servers of both versions with the same clients: processor time for the same simulated time, start, memory, and latencies.
 
-Both servers of a pair live side by side, and are paused but for the turn of the one that is measured: told to run until a time, at four times
-real time, it does the same work whatever else the machine does, and no client falls behind.
+Both servers of a pair exist at the same time; all are paused except the one that is measured. It runs until a given time, at four times real time. So
+it does the same work whatever else the machine does, and no client falls behind.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ _clock = SystemTime()
 
 
 class Listener(Protocol):
-    """A client that takes what comes."""
+    """A client that receives data."""
 
     def fileno(self) -> int | None:
-        """For a selector; None where there is none to select."""
+        """Return the file descriptor, for a selector; None if there is none."""
 
     def drain(self) -> int:
-        """Take what has come; returns how much."""
+        """Receive what has come, and return its amount."""
 
     def close(self) -> None:
-        """End it."""
+        """Close the connection."""
 
 
 class _Reader:
-    """Takes the bytes of a connection and looks at none, so that clients cost little beside the server."""
+    """Receives bytes without reading them, so that clients cost little compared with the server."""
 
     def __init__(self, peer: SocketPeer) -> None:
         self._socket = peer.socket
@@ -86,10 +86,10 @@ class Running:
     """A paused server of one version.
 
     Attributes:
-        control: connection for steering.
+        control: connection for control requests.
         addresses: of its adapters, by name.
-        start_s, start_cpu_s: from its creation to the first sample at a client, in wall and in processor time.
-        memory_mb: that was resident then.
+        start_s, start_cpu_s: wall time and processor time from its creation to the first sample at a client.
+        memory_mb: resident memory then.
     """
 
     served: Served
@@ -100,21 +100,21 @@ class Running:
     memory_mb: float
 
     def call(self, service: str, **args: object) -> Any:
-        """The value of a service's reply."""
+        """Call a service, and return the result."""
         return ask(self.control, "call", _PATIENCE_S, service=service, args=args)["value"]
 
     def cpu_s(self) -> float:
-        """Processor time that it has used."""
+        """Return the processor time that it has used, s."""
         spent = processor_s(self.served.pid)
         if spent is None:
             raise BenchFailed("processor time of a server is not known here: this system has no /proc")
         return spent
 
     def run(self, seconds: float, listeners: Sequence[Listener] = ()) -> float:
-        """Let time go on for `seconds` and be paused again; returns processor time a simulated second.
+        """Let it run for `seconds`, then pause it. Returns the processor time of a simulated second.
 
         Raises:
-            BenchFailed: it did not get there, or a listener heard nothing.
+            BenchFailed: it did not reach that time, or a listener received nothing.
         """
         goal = float(self.call("world/status")["t_s"]) + seconds
         before, heard = self.cpu_s(), dict.fromkeys(listeners, 0)
@@ -126,7 +126,7 @@ class Running:
                 if (number := listener.fileno()) is not None:
                     selector.register(number, selectors.EVENT_READ, listener)
             end, arrived = _clock.now_ns() + int(_PATIENCE_S * 1e9), False
-            # Once it is there, what is still on its way is part of the work.
+            # Samples that are still in flight then are part of the work.
             while ready := selector.select(_QUIET_S if arrived else _PATIENCE_S):
                 for key, _ in ready:
                     if key is control:
@@ -156,10 +156,10 @@ class Running:
 
 @contextlib.contextmanager
 def running(version: Installation, scenario: Path, place: Path) -> Iterator[Running]:
-    """A server that has given out its first sample and is paused.
+    """Run a server. It has sent its first sample, and is paused.
 
     Raises:
-        Unable: it did not come up.
+        Unable: it did not start.
     """
     begin = _clock.now_ns()
     with contextlib.ExitStack() as stack:
@@ -178,7 +178,7 @@ def running(version: Installation, scenario: Path, place: Path) -> Iterator[Runn
         yield Running(served, control, addresses, start_s, cpu_s, memory_mb)
 
 
-# -- what is measured -----------------------------------------------------------------------------------------------------------------
+# -- measurements --------------------------------------------------------------------------------------------------------------------
 
 
 def _crowd(wire: str) -> Callable[[Running], list[Listener]]:
@@ -224,7 +224,7 @@ CROWDS: Mapping[str, tuple[str, Callable[[Running], list[Listener]]]] = {
     f"with {STATIONS} MAVLink ground stations": ("pymavlink", _stations),
     "with a MOOS client of NAV_*": ("", _navigation),
 }
-"""Who listens, by name of the figure, with the extra that it needs."""
+"""For each figure the extra that its listeners need, and the function that makes them."""
 _SERVERS = Kind("server", "all that needs a server", "")
 
 
@@ -233,9 +233,9 @@ class Servers:
 
     Args:
         versions: by side.
-        place: an empty folder to work in; the scenario comes into it.
-        quick: hardly any work in each turn.
-        extras: of `EXTRAS`, what both versions have.
+        place: an empty working directory, for the scenario.
+        quick: very little work in each turn.
+        extras: those of `EXTRAS` that both versions have.
     """
 
     def __init__(self, versions: Mapping[str, Installation], place: Path, quick: bool, extras: Collection[str]) -> None:
@@ -245,10 +245,10 @@ class Servers:
         self._scenario.write_text(scenarios.server("pymavlink" in extras, "zenoh" in extras), encoding="utf-8")
 
     def measure(self, pair: int, pairs: Pairs) -> None:
-        """One pair of every figure, with fresh servers.
+        """Measure one pair of every figure, with new servers.
 
         Raises:
-            BenchFailed: ours did not do its part.
+            BenchFailed: our version failed.
         """
         turns = in_turns(pair)
         if pairs.left_out(_SERVERS):
@@ -290,7 +290,7 @@ class Servers:
         )
 
     def _latencies(self, turns: Sequence[str], servers: Mapping[str, Running], pairs: Pairs) -> None:
-        """In real time, one client."""
+        """Measure latencies in real time, with one client."""
         status = Kind("latencies", "world/status, p50", "ms", READING_P50_BAR_MS)
         command = Kind("latencies", "command to its reply, p99", "ms", COMMAND_P99_BAR_MS)
         lateness = Kind("latencies", f"tick lateness p99 at {scenarios.RATE_HZ} Hz", "ms", LATENESS_BAR_MS)
@@ -326,7 +326,7 @@ class Servers:
                 listener.close()
 
     def _requests(self, turns: Sequence[str], servers: Mapping[str, Running], pairs: Pairs) -> None:
-        """One after the other, while time stands still."""
+        """Measure requests one after the other, while the world is paused."""
         kinds: dict[str, tuple[str, str, dict[str, Any]]] = {
             "a ping over TCP JSON": ("TCP JSON", "ping", {}),
             "a call of a sensor's properties, TCP JSON": ("TCP JSON", "call", {"service": "rov/imu/get"}),

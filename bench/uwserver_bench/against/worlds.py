@@ -1,4 +1,4 @@
-"""Worlds in a process of either version: loading, ticks, snapshots; in processor time of the one thread that does it all."""
+"""Worlds in a process of each version: loading, ticks and snapshots, in processor time of the only thread."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from uwserver_bench.processes import BenchFailed, stop
 from uwserver_bench.start import IMPORT_BAR_S, import_s
 
 PATIENCE_S = 900.0
-"""The first task of a version may compile its kernels."""
+"""Long, because the first task of a version may compile its kernels."""
 Calls = Sequence[tuple[str, Mapping[str, object]]]
-"""Services of a world and their arguments."""
+"""Services of a world, with their arguments."""
 EVERY = 24
-"""Ticks between commands: ten a second."""
+"""Ticks between commands: ten per second."""
 SLICE_S, QUICK_SLICE_S = 0.1, 0.003
-"""Processor time of one turn, about."""
+"""Approximate processor time of one turn, s."""
 _CRATES = 4
 
 
@@ -40,10 +40,10 @@ class Probe:
         self.built: set[str] = set()
 
     def ask(self, do: str, **task: object) -> float:
-        """Carry out a task; returns its processor time, s.
+        """Carry out a task, and return its processor time, s.
 
         Raises:
-            Unable: that version refused it.
+            Unable: the version refused it.
             BenchFailed: the process ended, or did not answer in time.
         """
         process = self._process
@@ -66,7 +66,7 @@ class Probe:
 
 @contextlib.contextmanager
 def probing(version: Installation, place: Path) -> Iterator[Probe]:
-    """A probe of a version, for as long as the context is open."""
+    """Run a probe of a version while the context is open."""
     command = [version.python, str(Path(__file__).with_name("probe.py"))]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=place, env=dict(version.environment)
@@ -82,9 +82,9 @@ class Ticks:
     """A world whose ticks are measured.
 
     Attributes:
-        vehicles: that get thruster commands; none where autopilots steer.
-        calls: of services, once it is loaded.
-        reset: it starts from the beginning in each turn, so that nobody goes far.
+        vehicles: vehicles that get thruster commands; none if autopilots steer.
+        calls: of services, after loading.
+        reset: whether it begins at the start in each turn, so that no vehicle goes far.
     """
 
     name: str
@@ -136,7 +136,7 @@ CALLS: Mapping[str, tuple[str, Calls]] = {
 
 
 def write_files(folder: Path) -> dict[str, Path]:
-    """All scenarios of the worlds, by name."""
+    """Write all scenarios of the worlds, and return their files by name."""
     texts = {f"open{n}": scenarios.open_water(n) for n in (1, 20, 100)}
     texts |= {f"navigation{n}": scenarios.navigation(n) for n in (1, 20)}
     texts |= {"sensors40": scenarios.with_sensors(40), "contact": scenarios.contact(_CRATES)}
@@ -150,8 +150,8 @@ class Worlds:
 
     Args:
         versions: by side.
-        place: an empty folder to work in; the scenarios come into it.
-        quick: hardly any work in each turn.
+        place: an empty working directory, for the scenarios.
+        quick: very little work in each turn.
     """
 
     def __init__(self, versions: Mapping[str, Installation], place: Path, quick: bool) -> None:
@@ -159,11 +159,11 @@ class Worlds:
         self.files = write_files(place)
         self._turns: dict[str, int] = {}
         draws = np.random.Generator(np.random.PCG64(1)).uniform(-0.5, 0.5, (16, 8))
-        # Zero on average, so that nobody goes far.
+        # Zero on average, so that no vehicle goes far.
         self._commands = np.concatenate([draws, -draws]).tolist()
 
     def warm_up(self, pairs: Pairs, say: Say) -> None:
-        """Let each version compile and cache what it needs, and learn how many ticks fill a turn."""
+        """Let each version compile and cache its kernels, and find out how many ticks fill a turn."""
         for side in reversed(SIDES):
             say(f"{side}: first loads (a version whose kernels are not in the cache compiles them, for minutes)")
             with probing(self._versions[side], self._place) as probe:
@@ -176,14 +176,14 @@ class Worlds:
                         self._turns[ticks.name] = max(1, round((QUICK_SLICE_S if self._quick else SLICE_S) / seconds))
 
     def measure(self, pair: int, pairs: Pairs) -> None:
-        """One pair of every figure, in fresh processes: where things lie in memory differs from one to the next and counts as chance."""
+        """Measure one pair of every figure, in new processes, because the layout of memory differs from process to process and counts as chance."""
         with contextlib.ExitStack() as stack:
             probes = {
                 side: stack.enter_context(probing(self._versions[side], self._place)) for side in in_turns(pair)[:2]
             }
             turns = in_turns(pair)
             for side in turns[:2]:
-                # The first load of a process imports what it needs; `uwserver check` counts that.
+                # The first load of a process imports modules, which `uwserver check` measures.
                 probes[side].ask("load", file=str(self.files["open1"]))
             for ticks in TICKS:
                 self._measure_ticks(ticks, turns, probes, pairs)
@@ -214,7 +214,7 @@ class Worlds:
         times, ready, ticks = 1 if self._quick else 10, set[str](), next(each for each in TICKS if each.name == name)
 
         def cost(side: str) -> float:
-            self._build(probes[side], ticks)  # where only calls are measured
+            self._build(probes[side], ticks)  # if only calls are measured
             if side not in ready:
                 # A restore needs a snapshot.
                 probes[side].ask("call", name=name, calls=[("world/snapshot", {}), *calls])
@@ -224,7 +224,7 @@ class Worlds:
         pairs.measure(kind, turns, cost)
 
     def _build(self, probe: Probe, ticks: Ticks) -> None:
-        """Once in each process."""
+        """Load a world, once in each process."""
         if ticks.name in probe.built:
             return
         probe.ask("load", name=ticks.name, file=str(self.files[ticks.name]))
@@ -244,7 +244,7 @@ class Worlds:
 def measure_fresh(
     versions: Mapping[str, Installation], files: Mapping[str, Path], place: Path, pair: int, pairs: Pairs
 ) -> None:
-    """Whole processes: `import uwserver` and commands of a person."""
+    """Measure whole processes: `import uwserver`, and commands."""
     pairs.measure(
         Kind("loading", "`import uwserver`, beyond the bare interpreter", "ms", 1e3 * IMPORT_BAR_S),
         in_turns(pair) * 2,
@@ -267,7 +267,7 @@ def measure_fresh(
 
 
 def _process_s(version: Installation, arguments: Sequence[str], place: Path) -> float:
-    """Processor time of a command from its creation to its end."""
+    """Return the processor time of a command from its creation to its end, s."""
     command = [version.python, "-m", "uwserver", *arguments]
     quiet = subprocess.DEVNULL
     process = subprocess.Popen(

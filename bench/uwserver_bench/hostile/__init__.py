@@ -1,4 +1,4 @@
-"""Attacks: what each costs whoever decodes it, and what a flood of it does to the ticks of a running server."""
+"""Attacks: the cost of decoding them, and the effect of a flood on the ticks of a running server."""
 
 from uwserver_bench.hostile.bench import bench_hostile
 

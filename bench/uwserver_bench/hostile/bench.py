@@ -1,4 +1,4 @@
-"""`uwserver bench hostile`: decoders, then floods against a running server, each beside an undisturbed time of the same length."""
+"""`uwserver bench hostile`: decoders, then floods against a running server. Each flood is compared with an undisturbed time of the same length."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ _LOAD = "uwserver_bench.hostile.load"
 
 
 def bench_hostile(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """The hostile part of the report.
+    """Return the part of the report on attacks.
 
     Args:
         quick: one short repeat of each.
         say: gets a line of progress.
 
     Raises:
-        BenchFailed: a process did not do its part.
+        BenchFailed: a process did not work as expected.
     """
     rows = costs(quick, say)
     warm()
@@ -51,14 +51,13 @@ def bench_hostile(quick: bool, say: Callable[[str], None]) -> list[Row]:
 
 
 class Delay(NamedTuple):
-    """What became of the ticks of some time, ms.
+    """Delays of the ticks during some time, ms.
 
     Attributes:
-        gap: longest time between the ends of two.
-        ours: longest delay of one by work of our own: neither longer than the loop's thread was on a processor meanwhile, and the
-            simulation's beyond what a tick takes it (the median), nor than what is left of the delay without the time for which our threads
-            waited for a processor.
-        others: the rest of the longest gap, beyond the time of a tick: the processors were others'.
+        gap: longest time between the ends of two ticks.
+        ours: longest delay of a tick by our own work. It is limited by the processor time of the loop's thread meanwhile, plus that of the simulation
+            thread beyond the median of a tick; and by the delay minus the time for which our threads waited for a processor.
+        others: the rest of the longest gap without the time of a tick: other processes used the processors.
     """
 
     gap: float
@@ -68,29 +67,29 @@ class Delay(NamedTuple):
 
 @dataclass(frozen=True)
 class Target:
-    """A running server: its addresses by name, and its trace of ticks."""
+    """A running server, with its addresses by name, and its trace of ticks."""
 
     addresses: dict[str, str]
     trace: str
 
     def delay(self, start_ns: int, end_ns: int) -> Delay:
-        """Of the ticks that ended within this time."""
+        """Return the delays of the ticks that ended within this time."""
         return delay_of(np.asarray(open_trace(self.trace)), np.asarray(open_spent(self.trace)), start_ns, end_ns)
 
 
 def delay_of(ends: npt.NDArray[np.int64], spent: npt.NDArray[np.int64], start_ns: int, end_ns: int) -> Delay:
-    """Of the ticks that ended within a time.
+    """Return the delays of the ticks that ended within a time.
 
     Args:
-        ends: of the ticks, ns, in any order.
-        spent: until each, as of `uwserver_bench.traced.Threads`.
+        ends: end times of the ticks, ns, in any order.
+        spent: times of the threads until each of them (`uwserver_bench.traced.Threads`).
         start_ns, end_ns: the time.
     """
     found = np.flatnonzero((ends >= start_ns) & (ends <= end_ns))
     found = found[np.argsort(ends[found])]
     if len(found) < 2:
         whole = (end_ns - start_ns) * 1e-6
-        return Delay(whole, whole, 0.0)  # nothing tells whose fault it was
+        return Delay(whole, whole, 0.0)  # without times of threads all counts as ours
     gaps = np.diff(ends[found])
     looped, waited, ticked = np.diff(spent[found], axis=0).T
     late = np.maximum(0, gaps - TICK_NS)

@@ -1,4 +1,4 @@
-"""What one message costs whoever decodes it: how long the costliest single call keeps the interpreter from others."""
+"""Cost of decoding one message: how long the most expensive call keeps the interpreter from other threads."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ class Decoding:
     """One attack on one decoder.
 
     Attributes:
-        wire: which adapter reads it.
+        wire: the adapter that reads it.
         name: of the attack.
-        calls: makes the calls that the adapter makes of it, one after the other; each is measured alone. None from a call ends them.
+        calls: makes the calls of the adapter, one after the other. Each call is measured by itself. A call that returns None is the last.
     """
 
     wire: str
@@ -51,7 +51,7 @@ def _once(work: Callable[[bytes], object], data: bytes) -> Callable[[], Iterator
 
 
 def _reader(make: Callable[[], object], data: bytes) -> Callable[[], Iterator[Call]]:
-    """A decoder that stores bytes and gives one event a call."""
+    """Return the calls of a decoder that stores bytes, and returns one event per call."""
 
     def calls() -> Iterator[Call]:
         decoder = make()
@@ -66,9 +66,9 @@ def _reader(make: Callable[[], object], data: bytes) -> Callable[[], Iterator[Ca
 
 
 RECEIVED = 1 << 18
-"""Most bytes that asyncio reads at once."""
+"""Largest number of bytes that asyncio reads at once."""
 MOST_CALLS = 200
-"""Calls of one decoder that are measured: the costliest is among the first."""
+"""Number of measured calls of a decoder: the most expensive one is among the first."""
 
 
 def _websocket() -> object:
@@ -82,12 +82,12 @@ def _websocket() -> object:
 
 
 def web_frame(body: bytes, opcode: int = 1) -> bytes:
-    """A frame of a client, masked with zeros."""
+    """Return a WebSocket frame of a client, masked with zeros."""
     return bytes((0x80 | opcode, 0x80 | 127)) + len(body).to_bytes(8, "big") + bytes(4) + body
 
 
 def _small_frame(opcode: int, body: bytes = b"") -> bytes:
-    """Of a client, masked with zeros; an unfinished text, or a part of it, where the opcode is 1 or 0."""
+    """Return a small frame of a client, masked with zeros. With opcode 1 it begins an unfinished text, and with opcode 0 it continues one."""
     return bytes((opcode if opcode < 2 else 0x80 | opcode, 0x80 | len(body))) + bytes(4) + body
 
 
@@ -175,14 +175,14 @@ def _autopilots() -> Iterator[Decoding]:
 
 
 def decodings() -> Iterator[Decoding]:
-    """All attacks on decoders."""
+    """Return all attacks on decoders."""
     yield from _native()
     yield from _moos()
     yield from _autopilots()
 
 
 def costs(quick: bool, say: Callable[[str], None]) -> list[Row]:
-    """A row for each attack on a decoder."""
+    """Return a row for each attack on a decoder."""
     say("hostile: decoders")
     repeats = 1 if quick else 5
     rows = []
@@ -196,7 +196,8 @@ def costs(quick: bool, say: Callable[[str], None]) -> list[Row]:
 
 
 def _cost(attack: Decoding, rival: Rival) -> Cost:
-    """Of the costliest call, by either measure; the least of some tries, as a rival that waits for a processor itself cannot ask in time."""
+    """Return the cost of the most expensive call, by both measures. It is the least of several tries, because a rival that waits for a processor
+    itself makes a call seem too expensive."""
     tries = [_once_more(attack, rival) for _ in range(TRIES)]
     return Cost(min(cost.held_ns for cost in tries), min(cost.spent_ns for cost in tries))
 
@@ -210,5 +211,5 @@ def _once_more(attack: Decoding, rival: Rival) -> Cost:
 
 
 def _refused(call: Call) -> None:
-    with contextlib.suppress(Refused, ValueError):  # which is what should happen
+    with contextlib.suppress(Refused, ValueError):  # a decoder should refuse an attack
         call()

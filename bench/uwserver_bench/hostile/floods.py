@@ -1,4 +1,4 @@
-"""Floods against a running server: who sends what. Rows of a table; a new attack is a row more."""
+"""Table of the floods against a running server. A new attack is a new row."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from uwserver_bench.hostile.messages import JSON, MSGPACK
 
 CONNECTIONS = 3
 DATAGRAM_S = 0.001
-"""Wall time between two datagrams of an attacker: nothing holds it back, and its own processor time is not what is measured."""
+"""Wall time between two datagrams of an attacker. Without a pause, UDP would let it use a whole processor, which is not what is measured."""
 BURST = 100
 BURST_S = BURST * CONNECTIONS / 50_000
-"""Of all connections together 50 000 datagrams a second."""
+"""All connections together send 50 000 datagrams per second."""
 HEARTBEAT = bytes.fromhex("fd09000000ffbe000000000000000608c00403e473")
-"""Of a ground station, system 255, component 190: MAVLink 2."""
+"""MAVLink 2 HEARTBEAT of a ground station, system 255, component 190."""
 HELLO = b"hello"
-"""Of a UDP flood: it begins with the cookie of a session."""
+"""Marks a flood by UDP that begins with a session, and so with the cookie of the server."""
 
 WEB_SOCKET = (
     b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
     b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
 )
-"""Of a flood over WebSocket: it begins with a handshake."""
+"""Handshake of a flood over WebSocket."""
 
 RATE_HZ = 240
 SCENARIO = f"""\
@@ -60,17 +60,17 @@ links = ["udpin:127.0.0.1:0"]
 
 @dataclass(frozen=True)
 class Flood:
-    """Connections that send the same bytes again and again, as fast as these are taken; what is closed is opened again.
+    """Connections that send the same bytes repeatedly, as fast as the server takes them. A closed connection is opened again.
 
     Attributes:
         name: of the row.
-        address: under which name the server tells where: the adapter's, or "udp".
-        data: sent again and again.
-        first: sent once by each connection; `HELLO` for a session by UDP.
-        connections: at once.
-        is_udp: datagrams.
+        address: name of the address in the list of the server: that of the adapter, or "udp".
+        data: bytes that are sent repeatedly.
+        first: bytes that each connection sends once; `HELLO` for a session by UDP.
+        connections: number of simultaneous connections.
+        is_udp: whether they send datagrams.
         pause_s: wall time between two sendings of a connection.
-        burst: how often the bytes are sent at once, each time a datagram.
+        burst: number of datagrams in a sending.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""How long work keeps the other threads of its process waiting: what a tick loses to it, whatever else the machine does meanwhile."""
+"""Measures how long work keeps the other threads of its process waiting. A tick loses this time, whatever else the machine does."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from uwserver.server.life_cycle import SWITCH_INTERVAL_S
 
 
 class Cost(NamedTuple):
-    """Of one piece of work.
+    """Cost of one piece of work.
 
     Attributes:
-        held_ns: longest time of its thread on the processor between two turns of a thread that always wants the interpreter.
-        spent_ns: time of its thread on the processor in all.
+        held_ns: longest processor time of its thread between two turns of a thread that always waits for the interpreter.
+        spent_ns: whole processor time of its thread.
     """
 
     held_ns: int
@@ -25,8 +25,8 @@ class Cost(NamedTuple):
 
 
 class Rival:
-    """A thread that wants the interpreter all the time, as the simulation does in a late tick. It counts by the processor time of the thread
-    that made it, so that other processes do not matter. Python is interrupted as in a server; what is compiled is not."""
+    """A thread that always waits for the interpreter, like the simulation in a late tick. It measures the processor time of the thread that made it,
+    so that other processes have no effect. As in a server, Python code is interrupted, and compiled code is not."""
 
     def __init__(self) -> None:
         self._clock = time.pthread_getcpuclockid(threading.get_ident())
@@ -38,7 +38,7 @@ class Rival:
 
     def __enter__(self) -> Rival:
         sys.setswitchinterval(SWITCH_INTERVAL_S)
-        gc.collect()  # as the server does: what this process is made of is none of a message's cost
+        gc.collect()  # as in the server: objects of this process must not count as cost of a message
         gc.freeze()
         self._thread.start()
         return self
@@ -64,7 +64,7 @@ class Rival:
             time.sleep(0)
 
     def cost(self, work: Callable[[], object]) -> Cost:
-        """Do some work, and tell what it took."""
+        """Do some work, and return its cost."""
         self._let_in()
         self._most = 0
         start = time.thread_time_ns()

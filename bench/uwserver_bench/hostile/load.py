@@ -1,4 +1,4 @@
-"""Plays the attackers, in a process of its own: ``python -m uwserver_bench.hostile.load``, told as `uwserver_bench.load`."""
+"""The attackers, in a process of their own: ``python -m uwserver_bench.hostile.load``. Its tasks are as of `uwserver_bench.load`."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from uwserver_bench.hostile.floods import FLOODS, HELLO, Flood
 
 _CHUNK = 1 << 18
 _GREETINGS = 5
-"""Datagrams may be lost on a busy machine."""
+"""Number of tries: datagrams may be lost on a busy machine."""
 _NICENESS = 10
-"""The server comes first: what an attacker takes from a processor that both want is not what is measured."""
+"""The attackers have less priority than the server, because their own use of the processors is not what is measured."""
 _clock = SystemTime()
 
 
 class Attacker:
-    """One connection that sends the same again and again, and throws away what it hears; what is closed is opened again.
+    """A connection that sends the same bytes repeatedly, and drops what it receives. If it is closed, it is opened again.
 
     Attributes:
-        sent: bytes that were taken of it.
-        opened: connections that were made.
-        reason: of the last connection that failed; "" for none.
+        sent: number of bytes that the server has taken.
+        opened: number of connections that were made.
+        reason: why the last failed connection failed; "" if none did.
         socket: None until the next attempt.
     """
 
@@ -44,7 +44,7 @@ class Attacker:
         self.socket: socket.socket | None = None
 
     def open(self) -> None:
-        """Connect if it is not; a stream need not be connected when this returns."""
+        """Begin to connect, unless it is connected. A stream may still be connecting when this returns."""
         if self.socket is not None:
             return
         flood = self._flood
@@ -67,12 +67,12 @@ class Attacker:
         self.socket = made
 
     def work(self) -> None:
-        """Send what is taken, and hear what is there."""
+        """Send as much as the server takes, and receive what is there."""
         if self.socket is None:
             return
         try:
             self._work(self.socket)
-        except OSError as error:  # the server ended it
+        except OSError as error:  # the server closed it
             self.reason = str(error)
             self.close()
 
@@ -94,14 +94,14 @@ class Attacker:
             self._rest = self._rest[sent:]
 
     def close(self) -> None:
-        """End the connection."""
+        """Close the connection."""
         if self.socket is not None:
             self.socket.close()
             self.socket = None
 
 
 def _greet(opened: socket.socket) -> None:
-    """Begin a session by UDP; raises OSError when nobody answers."""
+    """Begin a session by UDP. Raises OSError if the server does not answer."""
     opened.settimeout(1.0)
     hello: dict[str, Any] = {"id": 1, "method": "hello", "params": {"version": 1}}
     for _ in range(_GREETINGS):
@@ -116,7 +116,7 @@ def _greet(opened: socket.socket) -> None:
 
 
 def attack(task: Mapping[str, Any]) -> dict[str, object]:
-    """Flood `address` for `seconds` with the row `flood`; returns bytes that were sent, connections that were opened, and why one was not."""
+    """Flood `address` for `seconds` with the row `flood`. Returns the sent bytes, the opened connections, and why one failed."""
     flood = FLOODS[task["flood"]]
     host, _, port = str(task["address"]).removeprefix("udpin:").rpartition(":")
     attackers = [Attacker(flood, (host, int(port)), number) for number in range(flood.connections)]

@@ -1,4 +1,4 @@
-"""Bytes that are made to cost much: the same for decoders and for running servers."""
+"""Messages that are expensive to decode, for decoders and for running servers."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ CALL = '{"id":1,"method":"call","params":{"service":"%s","args":%s}}'
 
 
 def row(item: str, size: int) -> str:
-    """A JSON list of so many bytes at most."""
+    """Return a JSON list of at most this many bytes."""
     return "[" + ",".join([item] * ((size - 2) // (len(item) + 1))) + "]"
 
 
 def ping(params: str) -> bytes:
-    """A request with these params."""
+    """Return a request with these params."""
     return b'{"id":1,"method":"ping","params":' + params.encode() + b"}"
 
 
@@ -73,7 +73,7 @@ JSON: Mapping[str, bytes] = {
     "world/describe": (CALL % ("world/describe", "{}")).encode(),
     "world/load, a piece of 768 KiB": _piece(MIB - 1000),
 }
-"""Bodies of JSON requests, none of which holds a line end."""
+"""Bodies of JSON requests, all without line ends."""
 
 
 def _framed(params: bytes) -> bytes:

@@ -1,1 +1,1 @@
-"""Motions and contacts with a known answer, run through the kernel: what tests of physics and docs/validation.md compare with."""
+"""Motions and contacts with a known answer, run through the kernel, for tests of physics and for docs/validation.md."""

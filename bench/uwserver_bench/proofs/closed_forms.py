@@ -19,7 +19,7 @@ ZERO6 = np.zeros((6, 6))
 
 
 class ClosedForm(NamedTuple):
-    """What is measured, its closed form, and what the kernel gives; SI."""
+    """A quantity, its closed form, and the result of the kernel; SI."""
 
     name: str
     unit: str
@@ -28,12 +28,12 @@ class ClosedForm(NamedTuple):
 
     @property
     def error(self) -> float:
-        """Relative error."""
+        """The relative error of the kernel."""
         return abs(self.measured / self.expected - 1.0)
 
 
 def table_a1(damped: bool = True, weight: float = 131.588) -> BodyParams:
-    """BlueROV2 Heavy of von Benzon et al. (2022), Table A1, in fresh water; neutral unless a weight (N) is given."""
+    """Return the BlueROV2 Heavy of von Benzon et al. (2022), Table A1, in fresh water. It is neutral unless a weight (N) is given."""
     return BodyParams(
         M_RB=np.diag([13.5, 13.5, 13.5, 0.26, 0.23, 0.37]),
         M_A=np.diag([6.36, 7.12, 18.68, 0.189, 0.135, 0.222]),
@@ -48,7 +48,7 @@ def table_a1(damped: bool = True, weight: float = 131.588) -> BodyParams:
 
 
 def floating(kind: int, half: tuple[float, float, float], mass: float, volume: float, low: float) -> BodyParams:
-    """A damped homogeneous-looking body that floats: centre of gravity `low` metres below the centre of its shape."""
+    """Return a damped body that floats; its centre of gravity is `low` metres below the centre of its shape."""
     D = np.diag([3.0 * mass] * 3 + [0.8 * mass] * 3)
     return BodyParams(
         M_RB=np.diag([mass] * 3 + [0.2 * mass] * 3),
@@ -65,7 +65,7 @@ def floating(kind: int, half: tuple[float, float, float], mass: float, volume: f
 
 
 def terminal_velocities() -> list[ClosedForm]:
-    """Steady velocity of Table A1 under a constant force or moment along one axis, and its free sinking."""
+    """Return steady velocities of Table A1 under a constant force or moment along one axis, and of its sinking."""
     cases = [
         ("surge", 0, 10.0),
         ("surge", 0, 40.0),
@@ -93,14 +93,14 @@ def terminal_velocities() -> list[ClosedForm]:
 
 
 def _steady(axis: int, force: float) -> float:
-    """v of linear v + quadratic v^2 = force."""
+    """Return v of linear v + quadratic v^2 = force."""
     body = table_a1()
     a, b = body.D_Q[axis, axis], body.D_L[axis, axis]
     return float((-b + math.sqrt(b * b + 4.0 * a * force)) / (2.0 * a))
 
 
 def natural_frequencies() -> list[ClosedForm]:
-    """Small undamped roll and pitch of Table A1: omega^2 = B 0.01 m / (I + added inertia)."""
+    """Return the frequencies of small undamped roll and pitch of Table A1: omega^2 = B 0.01 m / (I + added inertia)."""
     hydro = Hydrodynamics([table_a1(damped=False)] * 2, 1.0 / 240.0)
     hydro.state[:, 2] = DEEP
     hydro.state[0, Q : Q + 4] = quat_from_rpy(0.005, 0.0, 0.0)
@@ -120,7 +120,7 @@ def natural_frequencies() -> list[ClosedForm]:
 
 
 def floating_equilibria() -> list[ClosedForm]:
-    """Draft of a box and of a sphere that bob until they rest, and the box's tilt back to level."""
+    """Return the draft of a box and of a sphere that move until they rest, and the tilt of the box, which returns to level."""
     half, radius = (0.5, 0.4, 0.15), 0.3
     box_mass, sphere_mass = 150.0, 40.0
     box = floating(SHAPE_BOX, half, box_mass, 8.0 * math.prod(half), 0.02)
@@ -138,7 +138,7 @@ def floating_equilibria() -> list[ClosedForm]:
 
 
 def _cap_height(volume: float, radius: float) -> float:
-    """h of pi h^2 (3 r - h) / 3 = volume, by bisection."""
+    """Return h of pi h^2 (3 r - h) / 3 = volume, by bisection."""
     low, high = 0.0, 2.0 * radius
     for _ in range(80):
         mid = 0.5 * (low + high)
@@ -147,7 +147,7 @@ def _cap_height(volume: float, radius: float) -> float:
 
 
 def sphere_added_mass() -> list[ClosedForm]:
-    """A heavy sphere let go in still water, without damping: a = (W - B) / (m + 2/3 pi rho r^3), and the way fallen in one second."""
+    """Return the acceleration of a heavy sphere that sinks without damping, a = (W - B) / (m + 2/3 pi rho r^3), and its path in one second."""
     radius, mass = 0.25, 120.0
     added = 2.0 / 3.0 * math.pi * DENSITY * radius**3
     volume = 4.0 / 3.0 * math.pi * radius**3
@@ -176,11 +176,11 @@ def sphere_added_mass() -> list[ClosedForm]:
 
 
 def closed_forms() -> list[ClosedForm]:
-    """All of them."""
+    """Return all quantities with closed forms."""
     return [*terminal_velocities(), *natural_frequencies(), *floating_equilibria(), *sphere_added_mass()]
 
 
 def tilt(state: FloatArray) -> float:
-    """Angle (rad) between a body's z axis and the vertical, from its state row."""
+    """Return the angle (rad) between the z axis of a body and the vertical, from its state row."""
     x, y = state[Q + 1], state[Q + 2]
     return math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * float(x * x + y * y))))

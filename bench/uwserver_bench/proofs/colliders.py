@@ -1,4 +1,4 @@
-"""Contacts in closed form: a plane under points of a body, and balls. For tests of the solver without a collision engine."""
+"""Contacts in closed form, for tests of the solver without a collision engine: a plane under points of a body, and balls."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from uwserver.physics.kernel.arrays import FloatArray
 
 @dataclass(frozen=True)
 class Floor:
-    """A plane that carries bodies by fixed points of theirs.
+    """A plane that touches bodies only at given points of them.
 
     Attributes:
-        points: of each body row, in B, m.
+        points: points of each body row, in B, m.
         normal: of the plane in N, towards the water.
         origin: a point of the plane.
-        margin: contacts farther than this are not given, m.
+        margin: contacts farther apart than this are left out, m.
     """
 
     points: Mapping[int, tuple[Vec3, ...]]
@@ -31,7 +31,7 @@ class Floor:
     margin: float = 0.05
 
     def find_contacts(self, state: FloatArray, dt: float) -> Contacts:
-        """Those of the points that are near the plane; `dt` is not used."""
+        """Return the contacts of the points that are near the plane. `dt` is not used."""
         rows, points, gaps, keys = [], [], [], []
         normal = np.array(self.normal) / np.linalg.norm(self.normal)
         for row, arms in self.points.items():
@@ -50,10 +50,10 @@ class Floor:
 
 @dataclass(frozen=True)
 class Balls:
-    """Balls fixed to bodies, in contact with each other.
+    """Balls that are fixed to bodies, and may touch each other.
 
     Attributes:
-        balls: body row -> centre in B and radius, m.
+        balls: centre in B and radius of each body row, m.
     """
 
     balls: Mapping[int, tuple[Vec3, float]]
@@ -62,7 +62,7 @@ class Balls:
     margin: float = field(default=0.05)
 
     def find_contacts(self, state: FloatArray, dt: float) -> Contacts:
-        """Each pair that is near; `dt` is not used."""
+        """Return the contacts of each pair that is near. `dt` is not used."""
         a, b, points, normals, gaps, keys = [], [], [], [], [], []
         rows = sorted(self.balls)
         centers = {r: state[r, :3] + np.array(rotate(tuple(state[r, 3:7]), self.balls[r][0])) for r in rows}

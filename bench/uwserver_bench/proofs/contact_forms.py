@@ -1,4 +1,4 @@
-"""Contacts with a known answer, run through the solver: hits with the whole 6x6 mass, load at rest, and the force that breaks a body loose."""
+"""Contacts with a known answer, run through the solver: hits with the whole 6x6 mass, load at rest, and the force that starts a slide."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ HITS: dict[str, tuple[Vec3, Vec3, FloatArray]] = {
     "oblique and off-centre": ((0.4, 0.6, 0.3), (0.25, 0.1, 0.2), DIAGONAL),
     "the same, off-diagonal M_A": ((0.4, 0.6, 0.3), (0.25, 0.1, 0.2), OFF_DIAGONAL),
 }
-"""Attitude (roll, pitch, yaw), the point of the body that hits (B, m), and M_A."""
+"""For each hit the attitude (roll, pitch, yaw), the point of the body that hits (B, m), and M_A."""
 
 
 def vehicle(M_A: FloatArray, heavy: float = 0.0, damping: float = 0.0, mass: float = 13.5) -> BodyParams:
-    """A small ROV of `mass` kg, `heavy` newtons heavier than the water it displaces; undamped unless asked for."""
+    """Return a small ROV of `mass` kg that weighs `heavy` newtons in water, by default without damping."""
     M_RB = rigid_body_inertia(mass, np.diag([0.26, 0.23, 0.37]) * mass / 13.5, (0.0, 0.0, 0.0))
     D = damping * np.diag([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])
     zero, origin = np.zeros((6, 6)), (0.0, 0.0, 0.0)
@@ -43,18 +43,18 @@ def vehicle(M_A: FloatArray, heavy: float = 0.0, damping: float = 0.0, mass: flo
 
 
 def jacobian(q: Quat, arm: FloatArray, direction: FloatArray) -> FloatArray:
-    """(6) of a direction of N at a point whose arm is given in N; independent of the solver's own."""
+    """Return the Jacobian (6) of a direction in N at a point whose arm is given in N, without code of the solver."""
     to_body = np.array([rotate(q, tuple(e)) for e in np.eye(3)])  # rows are the columns of R_NB: R^T
     return np.concatenate([to_body @ direction, np.cross(to_body @ arm, to_body @ direction)])
 
 
 def hit(name: str, e: float) -> tuple[FloatArray, FloatArray, float, float]:
-    """One of `HITS` on a floor without friction: velocity after it (6), its closed form, impulse (N s), and its closed form."""
+    """Run one of `HITS` on a floor without friction. Returns the velocity after it (6), its closed form, the impulse (N s), and its closed form."""
     rpy, arm_B, M_A = HITS[name]
     body, q = vehicle(M_A), quat_from_rpy(*rpy)
     arm = np.array(rotate(q, arm_B))
     nu = np.concatenate([np.array(rotate(conjugate(q), (0.3, -0.1, 1.0))), np.zeros(3)])
-    hydro = Hydrodynamics([body], 1e-9)  # so short that nothing but the hit happens in it
+    hydro = Hydrodynamics([body], 1e-9)  # so short that only the hit happens in the step
     hydro.state[0, :3], hydro.state[0, Q : Q + 4], hydro.state[0, NU:] = -arm, q, nu
     hydro.collider = Floor({0: (arm_B,)}, restitution=e)
     hydro.advance(0.0)
@@ -65,7 +65,7 @@ def hit(name: str, e: float) -> tuple[FloatArray, FloatArray, float, float]:
 
 
 def contact_forms() -> list[ClosedForm]:
-    """Impulses of all hits, the load of a vehicle at rest, and what breaks it loose."""
+    """Return the impulses of all hits, the load of a vehicle at rest, and the force that makes it slide, with their closed forms."""
     forms = []
     for name in HITS:
         for e in (0.0, 0.5):
@@ -85,7 +85,7 @@ def _load(M_A: FloatArray) -> float:
 
 
 def standing(M_A: FloatArray, dt: float, damping: float = 0.0) -> Hydrodynamics:
-    """A vehicle 20 N heavy on four feet on a floor of mu = 0.5."""
+    """Return a vehicle that weighs 20 N in water, on four feet on a floor with mu = 0.5."""
     hydro = Hydrodynamics([vehicle(M_A, 20.0, damping)], dt)
     hydro.state[0, 2] = -0.1
     hydro.collider = Floor({0: FEET}, friction=0.5)
@@ -93,7 +93,7 @@ def standing(M_A: FloatArray, dt: float, damping: float = 0.0) -> Hydrodynamics:
 
 
 def break_away(M_A: FloatArray, heading: float) -> float:
-    """Force (N) along a heading (rad), at the height of the floor, that moves a standing vehicle at 1 mm/s; a ramp of 0.1 N/s from 9 N."""
+    """Return the force (N) along a heading (rad), at the height of the floor, at which a standing vehicle moves at 1 mm/s; it rises by 0.1 N/s."""
     hydro = standing(M_A, 0.01, damping=1.0)
     direction = np.array([np.cos(heading), np.sin(heading), 0.0])
     force = 0.0

@@ -1,4 +1,4 @@
-"""Measures that a body moves as physics demands: conservation, the energy criterion of stability, time series; for tests and reports."""
+"""Checks of motions for tests and reports: conservation of momentum and energy, stability by energy, and time series."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, STATE_SIZE, P, Q
 
 DEEP = 500.0
-"""Depth (m) from which no run of these measures reaches the surface."""
+"""Start depth (m) from which no run here reaches the surface."""
 FASTEST = 3.0
-"""m/s, of `decay_rise`: no vehicle that ships is meant to go faster ahead."""
+"""Largest surge of `decay_rise`, m/s: no shipped vehicle is made for more."""
 
 
 def momentum(hydro: Hydrodynamics) -> FloatArray:
-    """(n, 6) momentum of bodies and water in still water, and angular momentum about the origin of N; both in N."""
+    """Return (n, 6): momentum of bodies and water in still water, and angular momentum about the origin of N, both in N."""
     M = hydro.bodies["M_RB"] + hydro.bodies["M_A"]
     p = np.einsum("nij,nj->ni", M, hydro.state[:, NU : NU + 6])
     R = rotations(hydro.state)
@@ -29,10 +29,10 @@ def momentum(hydro: Hydrodynamics) -> FloatArray:
 
 
 def potential_energy(hydro: Hydrodynamics, states: FloatArray) -> FloatArray:
-    """(steps, n) energy of weight and buoyancy, J, of states (steps, n, 13), fully submerged."""
+    """Return (steps, n): potential energy of weight and buoyancy, J, of states (steps, n, 13) of fully submerged bodies."""
     q = states[:, :, Q : Q + 4]
     w, x, y, z = np.moveaxis(q / np.linalg.norm(q, axis=2, keepdims=True), 2, 0)
-    # The third row of R_NB: z_N in B.
+    # The third row of R_NB is z_N in B.
     down = np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)], axis=2)
     W, B = hydro.bodies["weight"], hydro.bodies["buoyancy"]
     lever = W[:, None] * hydro.bodies["r_g"] - B[:, None] * hydro.bodies["r_b"]
@@ -43,7 +43,8 @@ def potential_energy(hydro: Hydrodynamics, states: FloatArray) -> FloatArray:
 def random_wrenches(
     bodies: list[BodyParams], steps: int, dt: float, seed: int = 1
 ) -> Callable[[int], FloatArray | None]:
-    """A wrench (n, 6) drawn anew each half second, up to half the weight and the moment that would turn the body at 1 rad/s2; None between."""
+    """Return a function of the number of a step. It returns a new random wrench (n, 6) every half second, otherwise None: up to half the weight, and
+    up to the moment that accelerates the body by 1 rad/s2."""
     rng = np.random.default_rng(seed)
     limits = np.array(
         [[0.5 * body.weight] * 3 + [body.M_RB[i, i] + body.M_A[i, i] for i in (3, 4, 5)] for body in bodies]
@@ -54,12 +55,12 @@ def random_wrenches(
 
 
 def energy_excess(bodies: list[BodyParams], dt: float, seconds: float, seed: int = 1) -> FloatArray:
-    """(n) the largest rise of kinetic energy in one step beyond the work done in it, over the kinetic energy of the step.
+    """Return (n): the largest rise of kinetic energy in one step beyond the work of the step, over the kinetic energy of the step.
 
-    Bodies deep in still water, from rest, under `random_wrenches` and random commands to all fins, propellers, ballasts and moving masses, each
-    held over half a second. A stable integrator stays below 1e-6. Work of the wrench and of what servos move: Simpson's rule, with the middle of
-    the step from a second world of half the step; work of weight and buoyancy: difference of the potential energy. Damping, hull derivatives, and
-    the drag of foils and strips must only dissipate, so they are left out.
+    The bodies are deep in still water and begin at rest, under `random_wrenches` and random commands to all fins, propellers, ballasts and moving
+    masses, each held for half a second. A stable integrator stays below 1e-6. The work of the wrench and of the parts that servos move is integrated
+    by Simpson's rule, with the middle of the step from a second world with half the step. The work of weight and buoyancy is the difference of the
+    potential energy. Damping, hull derivatives, and the drag of foils and strips can only dissipate energy, so they are left out.
 
     Raises:
         FloatingPointError: a state diverged.
@@ -92,17 +93,17 @@ def energy_excess(bodies: list[BodyParams], dt: float, seconds: float, seed: int
 
 
 def _power(hydro: Hydrodynamics, t: float) -> FloatArray:
-    """(n) power of what may add energy, W: the applied wrench, and what servos move."""
+    """Return (n): power of all that may add energy, W: the applied wrench, and the parts that servos move."""
     power: FloatArray = np.einsum("ni,ni->n", hydro.state[:, NU : NU + 6], hydro.rates_of_change(t)[1])
     return power
 
 
 def decay_rise(body: BodyParams, dt: float, seconds: float, count: int = 100, seed: int = 1) -> FloatArray:
-    """(count) the largest rise of the energy of a body in one step, over that energy, as it comes to rest from random velocities and attitudes.
+    """Return (count): the largest rise of the energy of a body in one step, over this energy, while it comes to rest from random states.
 
-    In still, deep water, without thrust, servos still at their neutral. Nothing is taken for an input: the energy is the kinetic one of body and
-    water, and the potential one of weight and buoyancy; the energy that a rise is measured by has the least of the latter, hanging upright, as
-    its zero, and no depth. Each axis gets up to the velocity that alone has the energy of a surge of `FASTEST`.
+    It is in deep, still water, without thrust, with its servos at neutral, so that nothing can add energy. The energy is the kinetic energy of body
+    and water, and the potential energy of weight and buoyancy. In the denominator the potential energy is zero when the body hangs upright, at any
+    depth. Each axis gets up to the velocity that has the same energy as a surge of `FASTEST`.
 
     Raises:
         FloatingPointError: a state diverged.
@@ -124,7 +125,7 @@ def decay_rise(body: BodyParams, dt: float, seconds: float, count: int = 100, se
 
 
 def record(hydro: Hydrodynamics, seconds: float) -> tuple[FloatArray, FloatArray]:
-    """Times (steps + 1) and states (steps + 1, n, 13) of a run from now on.
+    """Run from the present state, and return times (steps + 1) and states (steps + 1, n, 13).
 
     Raises:
         FloatingPointError: a state diverged.
@@ -140,7 +141,7 @@ def record(hydro: Hydrodynamics, seconds: float) -> tuple[FloatArray, FloatArray
 
 
 def angular_frequency(times: FloatArray, signal: FloatArray) -> float:
-    """2 pi over the mean period of an oscillation about zero, rad/s, from its upward crossings."""
+    """Return the angular frequency of an oscillation about zero, rad/s, from the mean time between its upward crossings."""
     k = np.flatnonzero((signal[:-1] < 0.0) & (signal[1:] >= 0.0))
     if len(k) < 2:
         raise ValueError("two upward crossings of zero are needed")

@@ -1,8 +1,8 @@
-"""REMUS 100 of the Python Vehicle Simulator (Fossen): its equations written out anew, as an independent right-hand side, and its autopilot.
+"""The REMUS 100 of the Python Vehicle Simulator (Fossen): its equations, written independently of the kernel, and its step inputs.
 
-The equations are Fossen's with the terms that the simulator has: hull as a wing of low aspect ratio, cross-flow drag in sway and yaw, fins whose
-force is square to the hull, linear K_T and K_Q over the whole speed, C_A without the terms of the Munk moments. Euler angles; the kernel has
-quaternions.
+The equations are Fossen's with the terms of the simulator: hull as a wing of low aspect ratio, cross-flow drag in sway and yaw, fins whose force is
+at a right angle to the hull, linear K_T and K_Q over the whole range of speed, C_A without the terms of the Munk moments. They use Euler angles; the
+kernel uses quaternions.
 """
 
 from __future__ import annotations
@@ -27,27 +27,27 @@ OVERRIDE: dict[str, object] = {
     "foils": {"hull": {"inflow": "speed", "stall_deg": 178.0}},
     "propellers": {"main": {"inflow": "speed", "position_frd_m": [0.0, 0.0, 0.0]}},
 }
-"""Makes the vehicle file remus100_pvs the simulator's model to the last term: neutral in its water, propeller and hull with its inflow, no stall."""
+"""Changes that make remus100_pvs exactly the model of the simulator: neutral in its water, propeller and hull with its inflow, no stall."""
 
 
 FIVE = 0.0872664625997165
-"""rad."""
+"""Five degrees, rad."""
 STEPS: list[tuple[float, float, tuple[float, float, float]]] = [
     (0.0, 25.0, (FIVE, -FIVE, 1525.0)),
     (25.0, 50.0, (FIVE, -FIVE, 1525.0)),
     (50.0, 100.0, (FIVE, 0.0, 1525.0)),
 ]
-"""The simulator's step inputs, from, to, (rudder, stern planes, rpm): rudder and planes 5 degrees, planes back to zero at 50 s."""
+"""The step inputs of the simulator: from, to, (rudder, stern planes, rpm). Rudder and planes 5 degrees, planes back to zero at 50 s."""
 
 SIMULATED = {
     0.0025: (3.7267858898, -9.1193892217, -39.5438085497),
     0.00125: (3.7227548176, -9.1193845789, -39.5423081701),
 }
-"""Place at 100 s that the simulator itself (commit c717e07, no current) reaches with Euler steps of so many seconds, m."""
+"""For each Euler step (s) the place (m) at 100 s in the simulator itself (commit c717e07, no current)."""
 
 
 def remus_track(rate_hz: float, override: dict[str, object] | None = None) -> list[FloatArray]:
-    """States (13) of the kernel's remus100_pvs at the ends of STEPS, from the start; `override` replaces OVERRIDE."""
+    """Return the states (13) of remus100_pvs in the kernel at the ends of STEPS. `override` replaces OVERRIDE."""
     changes = OVERRIDE if override is None else override
     entry = VehicleEntry(model="remus100_pvs", position_ned_m=(0.0, 0.0, DEEP), override=changes)
     environment = Environment(density_kgpm3=RHO)
@@ -63,7 +63,7 @@ def remus_track(rate_hz: float, override: dict[str, object] | None = None) -> li
 
 
 class Remus:
-    """The model; `munk` keeps the whole of C_A."""
+    """The model of the simulator. With `munk` it has the complete C_A."""
 
     def __init__(self, munk: bool = False) -> None:
         a, b = LENGTH / 2.0, DIAMETER / 2.0
@@ -109,7 +109,7 @@ class Remus:
         return C
 
     def nu_dot(self, eta: FloatArray, nu: FloatArray, rudder: float, planes: float, rpm: float) -> FloatArray:
-        """Acceleration (6) in B at actual angles (rad) and shaft speed (rpm)."""
+        """Return the acceleration (6) in B for the actual angles (rad) and shaft speed (rpm)."""
         u, v, w, _, _, r = nu
         speed = math.sqrt(u * u + v * v + w * w)
         C_A = self._coriolis(self.M_A, nu)
@@ -146,7 +146,7 @@ class Remus:
     def derivative(
         self, command: Callable[[float], tuple[float, float, float]]
     ) -> Callable[[float, FloatArray], FloatArray]:
-        """Of (eta, nu, rudder, stern planes, rpm), 15, under commands of the time; lags of 0.1, 0.1 and 1 s."""
+        """Return the derivative (15) of (eta, nu, rudder, stern planes, rpm) under commands that depend on time; lags of 0.1, 0.1 and 1 s."""
 
         def f(t: float, y: FloatArray) -> FloatArray:
             phi, theta, psi = y[3:6]
@@ -170,8 +170,8 @@ class Remus:
     def run(
         self, spans: list[tuple[float, float, tuple[float, float, float]]], rtol: float = 1e-10
     ) -> list[FloatArray]:
-        """States at the end of each span (from, to, command), from rest at the origin, by DOP853."""
-        from scipy.integrate import solve_ivp  # for tests and reports alone: uwserver runs without scipy
+        """Return the states at the end of each span (from, to, command), from rest at the origin, integrated by DOP853."""
+        from scipy.integrate import solve_ivp  # imported here, because uwserver runs without scipy
 
         y, ends = np.zeros(15), []
         for start, end, command in spans:
