@@ -54,7 +54,8 @@ def services(pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
     """Yield all services, each with the function that carries it out."""
     path = pilot.craft.path
     yield from _state(path, pilot)
-    yield from _ways(path, pilot)
+    yield from _goto(path, pilot)
+    yield from _missions(path, pilot)
     yield from _gains(path, pilot)
 
 
@@ -80,7 +81,7 @@ def _state(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
     )  # fmt: skip
 
 
-def _ways(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
+def _goto(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
     def goto(args: Asked) -> Later:
         heading, speed, radius = (cast("float | None", args[key]) for key in ("heading_deg", "speed_mps", "radius_m"))
         where = read_place({argument.name: args[argument.name] for argument in _THERE})
@@ -92,6 +93,19 @@ def _ways(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
             pilot.hold()
         return None
 
+    near = f"distance at which it has arrived; default: {pilot.craft.arrival_m:g}"
+    radius = Argument("radius_m", "float", near, "m", required=False, minimum=0.01, maximum=1e4)
+    yield (
+        Service(
+            f"{path}/goto", "Go to a place, at a depth or at an altitude, in mode guided, and stay there; replies on arrival.",
+            (_THERE[0], _HEADING, _SPEED, radius, *_THERE[1:]), long_running=True,
+        ),
+        goto,
+    )  # fmt: skip
+    yield Service(f"{path}/cancel_goto", "End the present goto, and hold where the vehicle is."), cancel_goto
+
+
+def _missions(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
     def set_mission(args: Asked) -> Json:
         pilot.set_mission(read_items(args["items"]))
         return {"count": len(pilot.orders.items)}
@@ -110,16 +124,6 @@ def _ways(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
             pilot.set_mode("position_hold")
         return None
 
-    near = f"distance at which it has arrived; default: {pilot.craft.arrival_m:g}"
-    radius = Argument("radius_m", "float", near, "m", required=False, minimum=0.01, maximum=1e4)
-    yield (
-        Service(
-            f"{path}/goto", "Go to a place, at a depth or at an altitude, in mode guided, and stay there; replies on arrival.",
-            (_THERE[0], _HEADING, _SPEED, radius, *_THERE[1:]), long_running=True,
-        ),
-        goto,
-    )  # fmt: skip
-    yield Service(f"{path}/cancel_goto", "End the present goto, and hold where the vehicle is."), cancel_goto
     yield (
         Service(f"{path}/set_mission", "Replace the mission; if anything is wrong with the new one, nothing changes.", (_ITEMS,)),
         set_mission,

@@ -1,6 +1,6 @@
 """Step responses of vehicles that hover, on simulated sensors: how near, how steady, in a current and at their limits.
 
-Also of uwserver.autopilot.sticks.
+Also of uwserver.autopilot.hover and uwserver.autopilot.sticks.
 """
 
 from __future__ import annotations
