@@ -86,7 +86,7 @@ def build_autopilot(
     gains = gains_of(file, config)
     divisor = divisor_of(world.rate_hz, config.rate_hz, RATE_HZ)
     dt = float(divisor / world.rate_hz)
-    holding = _Hands()
+    holding = _HeldActuators()
     allocation, dynamics = _controls(file, params, actuators, holding)
     allocation.devices["row"], allocation.devices["full"] = holding.rows, holding.full
     craft = Craft(
