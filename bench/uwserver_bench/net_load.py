@@ -17,7 +17,7 @@ from typing import Any
 from uwserver.simulation.clock import SystemTime
 from uwserver_bench.rows import quantile
 from uwserver_bench.traced import TICKS, open_trace
-from uwserver_bench.wires import Message, Peer, Refusal, ask, connect
+from uwserver_bench.wires import Peer, Refusal, TimedMessage, ask, connect
 
 WRENCH, THRUSTERS = "rov/truth/wrench", "rov/thrusters"
 PATIENCE_S = 10.0
@@ -48,7 +48,7 @@ def commands(task: Task) -> dict[str, object]:
             _listen(peer, (turn * _GOLDEN % 1.0 + 1.0) / task["rate_hz"])
             sent = _clock.now_ns()
             u = [0.3 if turn % 2 else -0.3] * 8
-            seen: list[Message] = []
+            seen: list[TimedMessage] = []
             applied = ask(peer, "command", PATIENCE_S, seen, port=THRUSTERS, value={"u": u})["t_ns"]
             shown = _first(peer, seen, applied)
             if shown.body["params"]["value"] == before:
@@ -61,7 +61,7 @@ def commands(task: Task) -> dict[str, object]:
     return {"p99_s": quantile(acted, 0.99), "seen_p99_s": quantile(late, 0.99), "count": len(late)}
 
 
-def _first(peer: Peer, seen: list[Message], applied_ns: int) -> Message:
+def _first(peer: Peer, seen: list[TimedMessage], applied_ns: int) -> TimedMessage:
     """Return the first wrench of a tick that began at or after the tick of the command."""
     end = _clock.now_ns() + int(PATIENCE_S * 1e9)
     while _clock.now_ns() < end:

@@ -21,7 +21,7 @@ _CHUNK = 1 << 18
 _clock = SystemTime()
 
 
-class Message(NamedTuple):
+class TimedMessage(NamedTuple):
     """A decoded message, and the monotonic time (ns) at which the client received it."""
 
     at_ns: int
@@ -38,7 +38,7 @@ class Peer(Protocol):
     def send(self, method: str, params: Mapping[str, object], identity: int) -> None:
         """Send a request."""
 
-    def receive(self, timeout_s: float) -> list[Message]:
+    def receive(self, timeout_s: float) -> list[TimedMessage]:
         """Return the messages that have arrived; [] if none came in time.
 
         Raises:
@@ -53,7 +53,7 @@ class Peer(Protocol):
 
 
 def ask(
-    peer: Peer, method: str, timeout_s: float = CONNECT_S, seen: list[Message] | None = None, **params: object
+    peer: Peer, method: str, timeout_s: float = CONNECT_S, seen: list[TimedMessage] | None = None, **params: object
 ) -> Any:
     """Send a request, and return its result. Other messages that come meanwhile are added to `seen`.
 
@@ -146,7 +146,7 @@ class SocketPeer:
         body = {"jsonrpc": "2.0", "id": identity, "method": method, "params": params}
         self.socket.sendall(self._framing.encode(body))
 
-    def receive(self, timeout_s: float) -> list[Message]:
+    def receive(self, timeout_s: float) -> list[TimedMessage]:
         """See `Peer`."""
         self.socket.settimeout(max(timeout_s, 1e-6))
         try:
@@ -157,7 +157,7 @@ class SocketPeer:
             raise ConnectionError("the server closed a connection")
         bodies = self._framing.feed(chunk)
         now = _clock.now_ns()
-        return [Message(now, body) for body in bodies]
+        return [TimedMessage(now, body) for body in bodies]
 
     def fileno(self) -> int:
         """See `Peer`."""
@@ -239,7 +239,7 @@ class ZenohPeer:
             config.insert_json5(path, json.dumps(value))
         self._session: Any = zenoh.open(config)
         self._root = f"uw/{server}"
-        self._queue: queue.SimpleQueue[Message] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[TimedMessage] = queue.SimpleQueue()
 
     def send(self, method: str, params: Mapping[str, object], identity: int) -> None:
         """See `Peer`. The zenoh session itself handles `subscribe`. When a later request is answered, the server knows of the subscription."""
@@ -262,7 +262,7 @@ class ZenohPeer:
             express=True,
         )
 
-    def receive(self, timeout_s: float) -> list[Message]:
+    def receive(self, timeout_s: float) -> list[TimedMessage]:
         """See `Peer`."""
         found = []
         with contextlib.suppress(queue.Empty):
@@ -286,13 +286,13 @@ class ZenohPeer:
             return  # the reply to a command of another client
         meta = _decoded(sample.attachment.to_bytes(), str(sample.encoding))
         params = {**meta, "value": _decoded(sample.payload.to_bytes(), str(sample.encoding))}
-        self._queue.put(Message(_clock.now_ns(), {"method": "sample", "params": params}))
+        self._queue.put(TimedMessage(_clock.now_ns(), {"method": "sample", "params": params}))
 
     def _on_reply(self, identity: int, reply: Any) -> None:
         answer = reply.ok if reply.ok is not None else reply.err
         body = _decoded(answer.payload.to_bytes(), str(answer.encoding))
         key = "result" if reply.ok is not None else "error"
-        self._queue.put(Message(_clock.now_ns(), {"id": identity, key: body}))
+        self._queue.put(TimedMessage(_clock.now_ns(), {"id": identity, key: body}))
 
 
 def _decoded(payload: bytes, media: str) -> Any:

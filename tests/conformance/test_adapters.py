@@ -104,14 +104,14 @@ def _yarp_port(name: str) -> Connect:
 _YARP_HELLO = yarp.hello("fast_tcp", "/peer")
 # The devices of `FakeContext`: imu 60:0, then opaque ones, of its three ports and of its services.
 _PLAYER_OPEN = b"".join(
-    player.encode(player.Message(player.PLAYER, 0, player.REQ, player.DEV, player.u32(0, 0, *device) + player.u32(player.OPEN, 0, 0)))
+    player.encode(player.PlayerMessage(player.PLAYER, 0, player.REQ, player.DEV, player.u32(0, 0, *device) + player.u32(player.OPEN, 0, 0)))
     for device in ((player.IMU, 0), (player.OPAQUE, 0), (player.OPAQUE, 1), (player.OPAQUE, 3))
 )  # fmt: skip
 
 
 def _player_call(service: str) -> bytes:
     body = player.octets(b'{"service":"%s","args":{"t_s":9}}' % service.encode())
-    return player.encode(player.Message(player.OPAQUE, 3, player.REQ, 1, body))
+    return player.encode(player.PlayerMessage(player.OPAQUE, 3, player.REQ, 1, body))
 
 
 def _yarp_call(service: str) -> bytes:
@@ -184,8 +184,8 @@ def _free_port() -> int:
 
 
 MOOS_PORT = _free_port()
-MOOS_WELCOME = moos.packet([moos.encode(moos.Message(moos.WELCOME, "", 0.0, moos.ASYNCHRONOUS.encode()))])
-MOOS_HELLO = moos.HELLO + moos.packet([moos.encode(moos.Message(moos.DATA, moos.ASYNCHRONOUS, data=b"peer", kind="S"))])
+MOOS_WELCOME = moos.packet([moos.encode(moos.MoosMessage(moos.WELCOME, "", 0.0, moos.ASYNCHRONOUS.encode()))])
+MOOS_HELLO = moos.HELLO + moos.packet([moos.encode(moos.MoosMessage(moos.DATA, moos.ASYNCHRONOUS, data=b"peer", kind="S"))])
 MOOS_HEAR_ALL = moos.packet([moos.encode(moos.wildcard(moos.WILDCARD_REGISTER, "peer", 0.0, "*"))])
 
 TRUTH_POSE = Port(

@@ -332,7 +332,7 @@ class MoosPackets(Target):
         dice = self._dice
         texts = [dice.bytes(12).decode("utf-8", "surrogateescape") for _ in range(4)]
         numbers = [dice.one((0.0, -1.0, math.nan, math.inf, 1e308, 1234.5)) for _ in range(3)]
-        made = moos.Message(
+        made = moos.MoosMessage(
             dice.one("NRU*/iWKTQ.C\xff"), texts[0], numbers[0], dice.bytes(40), dice.one("DSB?"), *texts[1:],
             numbers[1], numbers[2], dice.one((-2, -1, 0, 2**31 - 1)),
         )  # fmt: skip
@@ -469,13 +469,13 @@ class Yarp(Target):
             events = self._read(dice.pieces(data + yarp.message(text, "q")))
             assert len(events) == 3, data
             assert repr(events[1].values) == repr(bottle), (data, events)
-            assert events[2] == yarp.Message("q", "q", ())
+            assert events[2] == yarp.YarpMessage("q", "q", ())
         else:
             data = dice.damaged(data)
             events = self._read([data])
             assert repr(self._read(dice.pieces(data))) == repr(events), data
         for event in events:
-            if isinstance(event, yarp.Message):
+            if isinstance(event, yarp.YarpMessage):
                 with contextlib.suppress(Refused):
                     assert isinstance(yarp_codec.command(THRUSTERS, event.values), dict)
                 with contextlib.suppress(Refused):
@@ -532,7 +532,7 @@ class Player(Target):
             player.octets(json.dumps(dice.tree({"service": "world/pause", "args": {"t_s": 9}})).encode()), player.doubles(*[0.5] * 6) + player.u32(1),
             player.u32(1), dice.bytes(80),
         ))  # fmt: skip
-        message = player.Message(device.interface, device.number, dice.one((2, 3)), dice.one((1, 2, 3)), body, 0.5, 7)
+        message = player.PlayerMessage(device.interface, device.number, dice.one((2, 3)), dice.one((1, 2, 3)), body, 0.5, 7)
         data = player.encode(message)
         if dice.below(2):
             events = self._read(dice.pieces(data + data))
@@ -542,7 +542,7 @@ class Player(Target):
             events = self._read([data])
             assert repr(self._read(dice.pieces(data))) == repr(events), data
         for event in events:
-            if isinstance(event, player.Message):
+            if isinstance(event, player.PlayerMessage):
                 assert device.take is not None
                 with contextlib.suppress(Refused):
                     assert isinstance(device.take(event), player_devices.Ask)
@@ -880,8 +880,8 @@ class DeviceMessages(InLoop):
             "ping360": ping_protocol.encode(ping_protocol.Frame(5)),
             "vectornav": vectornav_text.line("VNRRG", "1"),
         }
-        probe["xsens"] = xbus.encode(xbus.Message(0))
-        probe["seatrac"] = seatrac_messages.encode(seatrac_messages.Message(1), b"#")
+        probe["xsens"] = xbus.encode(xbus.XbusMessage(0))
+        probe["seatrac"] = seatrac_messages.encode(seatrac_messages.SeaTracMessage(1), b"#")
         replies, bad = devices_rig.ask(device, probe.get(name, b""))
         assert bad == [], data
         assert len(replies) == (0 if name == "oculus" else 1), data
@@ -944,13 +944,13 @@ class DeviceMessages(InLoop):
         numbers, rates = (0x2010, 0x4022, 0x1060, 0x5042, dice.below(1 << 16)), (0, 100, 0xFFFF, dice.below(3000))
         items = [struct.pack(">HH", dice.one(numbers), dice.one(rates)) for _ in range(dice.below(36))]
         number = dice.one((0xC0, 0xC0, 0x30, 0x10, 0x40, 0x00, dice.below(256)))
-        return xbus.encode(xbus.Message(number, dice.one((b"".join(items), dice.bytes(300)))))
+        return xbus.encode(xbus.XbusMessage(number, dice.one((b"".join(items), dice.bytes(300)))))
 
     def _seatrac(self) -> bytes:
         dice = self._dice
         number = dice.one((0x01, 0x02, 0x03, 0x10, 0x11, 0x12, 0x3A, 0x40, 0x40, 0x50, 0x60, 0x60, dice.below(256)))
         payload = dice.one((b"\x01\x04", b"\x01\x0f\x00", b"\x02\x04", b"\x02\x02\x03abc", b"", dice.bytes(8)))
-        return seatrac_messages.encode(seatrac_messages.Message(number, payload), b"#")
+        return seatrac_messages.encode(seatrac_messages.SeaTracMessage(number, payload), b"#")
 
     def _oculus(self) -> bytes:
         dice = self._dice
@@ -961,7 +961,7 @@ class DeviceMessages(InLoop):
         changed = dice.one(
             (payload, payload[:at] + odd + payload[at + 8 :], bytes((dice.below(4), dice.below(8))) + payload[2:])
         )
-        return oculus_messages.encode(oculus_messages.Message(number, changed, dice.below(3)))
+        return oculus_messages.encode(oculus_messages.OculusMessage(number, changed, dice.below(3)))
 
 
 class Rtsp(Target):

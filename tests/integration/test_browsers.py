@@ -141,13 +141,13 @@ def command_of(adapter: str) -> bytes:
         told = b""
         for number in range(64):  # the services are the last of the opaque devices
             wanted = player.u32(0, 0, player.OPAQUE, number) + player.u32(player.OPEN, 0, 0)
-            told += player.encode(player.Message(player.PLAYER, 0, player.REQ, player.DEV, wanted))
-            told += player.encode(player.Message(player.OPAQUE, number, player.REQ, 1, pause))
+            told += player.encode(player.PlayerMessage(player.PLAYER, 0, player.REQ, player.DEV, wanted))
+            told += player.encode(player.PlayerMessage(player.OPAQUE, number, player.REQ, 1, pause))
         return told
     if adapter == "video":
         return b"SETUP rtsp://127.0.0.1/rov/camera RTSP/1.0\r\nCSeq: 1\r\nTransport: RTP/AVP/TCP\r\n\r\n"
     if adapter == "moosdb":
-        hello = wire.Message(wire.DATA, "asynchronous", data=b"page", kind=wire.STRING)
+        hello = wire.MoosMessage(wire.DATA, "asynchronous", data=b"page", kind=wire.STRING)
         pause = wire.notify("UWSERVER_CALL", "world/pause {}", 0.0, "page")
         return wire.HELLO + wire.packet([wire.encode(hello)]) + wire.packet([wire.encode(pause)])
     arm = pymavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)

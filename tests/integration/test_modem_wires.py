@@ -17,7 +17,7 @@ import pytest
 from nursery import python
 from uwserver_adapters.moos import wire as moos
 from uwserver_bench.processes import serving
-from uwserver_bench.wires import Message, Peer, Refusal, ZenohPeer, ask, connect
+from uwserver_bench.wires import Peer, Refusal, TimedMessage, ZenohPeer, ask, connect
 
 from uwserver.ports import Port
 from uwserver.sensors import AcousticModemConfig, Pose
@@ -151,7 +151,7 @@ def test_a_range_that_is_cancelled_leaves_the_modem_free(adapters):
         peer.send("call", {"service": "one/modem/range", "args": {"destination": 77, "timeout_s": 60.0}}, 1)
         with pytest.raises(Refusal, match="waits for another range"):
             ask(peer, "call", PATIENCE_S, service="one/modem/range", args={"destination": 2})
-        seen: list[Message] = []
+        seen: list[TimedMessage] = []
         assert ask(peer, "cancel", seen=seen, id=1) == {"cancelled": True}
         found = ask(peer, "call", PATIENCE_S, seen=seen, service="one/modem/range", args={"destination": 2})["value"]
         (fault,) = [message.body["error"]["data"]["code"] for message in seen if message.body.get("id") == 1]
@@ -169,11 +169,11 @@ class Community:
         host, _, port = address.rpartition(":")
         self.socket = socket.create_connection((host, int(port)), PATIENCE_S)
         self._decoder = moos.Decoder()
-        hello = moos.Message(moos.DATA, moos.ASYNCHRONOUS, data=b"acomms", kind=moos.STRING)
+        hello = moos.MoosMessage(moos.DATA, moos.ASYNCHRONOUS, data=b"acomms", kind=moos.STRING)
         self.socket.sendall(moos.HELLO + moos.packet([moos.encode(hello)]))
         for name in wanted:
             pattern = f"AppPattern=*,VarPattern={name},Interval=0".encode()
-            asked = moos.Message(moos.WILDCARD_REGISTER, "acomms", data=pattern, kind=moos.STRING)
+            asked = moos.MoosMessage(moos.WILDCARD_REGISTER, "acomms", data=pattern, kind=moos.STRING)
             self.socket.sendall(moos.packet([moos.encode(asked)]))
         self.heard: list[tuple[str, float | str | bytes]] = []
 

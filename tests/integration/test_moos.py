@@ -23,7 +23,7 @@ from typing import Any
 
 import pytest
 from uwserver_adapters.moos import wire
-from uwserver_adapters.moos.wire import Message
+from uwserver_adapters.moos.wire import MoosMessage
 
 PATIENCE_S = 120.0
 BIN = Path(os.environ["UWSERVER_MOOS_BIN"]) if os.environ.get("UWSERVER_MOOS_BIN") else None
@@ -177,13 +177,13 @@ class Watcher:
         self.counts: dict[str, int] = {}
         self.most: dict[str, float] = {}
         self._socket = until(lambda: _connected(port), "a database", 20.0)
-        hello = Message(wire.DATA, wire.ASYNCHRONOUS, data=b"watcher", kind=wire.STRING, time=1.0)
+        hello = MoosMessage(wire.DATA, wire.ASYNCHRONOUS, data=b"watcher", kind=wire.STRING, time=1.0)
         self._decoder = wire.Decoder()
         self._socket.sendall(wire.HELLO + wire.packet([wire.encode(hello)]))
-        self._send(*(Message(wire.REGISTER, name, 0.0, src="watcher") for name in names))
+        self._send(*(MoosMessage(wire.REGISTER, name, 0.0, src="watcher") for name in names))
         self._beat = 0.0
 
-    def _send(self, *messages: Message) -> None:
+    def _send(self, *messages: MoosMessage) -> None:
         self._socket.sendall(wire.packet([wire.encode(message) for message in messages]))
 
     def notify(self, time_s: float = 1e12, **values: float | str) -> None:
@@ -193,7 +193,7 @@ class Watcher:
         if time.monotonic() > self._beat:
             self._beat = time.monotonic() + 1.0
             # MOOSDB delivers mail of its own (DB_EVENT) only when somebody writes something.
-            self._send(Message(wire.TIMING, wire.TIMING_KEY, 0.0), wire.notify("WATCHING", 1.0, time.time(), "watcher"))
+            self._send(MoosMessage(wire.TIMING, wire.TIMING_KEY, 0.0), wire.notify("WATCHING", 1.0, time.time(), "watcher"))
         with contextlib.suppress(TimeoutError):
             data = self._socket.recv(1 << 16)
             assert data, "the database closed the connection"

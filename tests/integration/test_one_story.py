@@ -27,7 +27,7 @@ from middlewares import CLIENTS, IMU, POSE, SINGLE, Client, moment
 from nursery import python
 from uwserver_adapters.moos import wire as moos
 from uwserver_bench.processes import serving
-from uwserver_bench.wires import Message, Peer, ZenohPeer, ask, connect
+from uwserver_bench.wires import Peer, TimedMessage, ZenohPeer, ask, connect
 
 from uwserver.adapter import installed_adapters
 from uwserver.ports import Field, Sample
@@ -220,8 +220,8 @@ class MoosTeller:
         host, _, port = address.rpartition(":")
         self._socket = socket.create_connection((host, int(port)), PATIENCE_S)
         self._decoder = moos.Decoder()
-        hello = moos.Message(moos.DATA, moos.ASYNCHRONOUS, data=b"teller", kind=moos.STRING)
-        asked = moos.Message(
+        hello = moos.MoosMessage(moos.DATA, moos.ASYNCHRONOUS, data=b"teller", kind=moos.STRING)
+        asked = moos.MoosMessage(
             moos.WILDCARD_REGISTER, "teller", data=b"AppPattern=*,VarPattern=*,Interval=0", kind=moos.STRING
         )
         self._socket.sendall(moos.HELLO + b"".join(moos.packet([moos.encode(said)]) for said in (hello, asked)))
@@ -310,7 +310,7 @@ Variables = dict[str, list[tuple[float, float | str]]]
 class Heard:
     """What came over each wire."""
 
-    messages: dict[str, list[Message]]
+    messages: dict[str, list[TimedMessage]]
     variables: dict[str, list[tuple[str, float | str]]]
     middlewares: dict[str, Client]
     turned: dict[str, object]
@@ -351,7 +351,7 @@ def heard(scenario: Path, made: tuple[list[Sample], Any]) -> Heard:
     """What came over each wire, all of them listening at once; then what each of them turned."""
     with serving(scenario, python=python()) as served, contextlib.ExitStack() as stack:
         room = _everybody(stack, f"{served.host}:{served.port}")
-        everything: dict[str, list[Message]] = {name: [] for name in room.peers}
+        everything: dict[str, list[TimedMessage]] = {name: [] for name in room.peers}
         variables: dict[str, list[tuple[str, float | str]]] = {name: [] for name in room.tellers}
         for name, peer in room.peers.items():
             ask(peer, "subscribe", seen=everything[name], pattern="**")
@@ -406,7 +406,7 @@ def _turned(room: Room) -> dict[str, object]:
         end = time.monotonic() + PATIENCE_S
         while _commands(driver, adapter) == before and time.monotonic() < end:
             time.sleep(0.01)
-        seen: list[Message] = []
+        seen: list[TimedMessage] = []
         ask(driver, "step", PATIENCE_S, seen=seen, n=TICKS)
         samples = [message.body["params"] for message in seen if message.body.get("method") == "sample"]
         found[name] = [(sample["t_ns"], sample["value"]["speeds"]) for sample in samples]
@@ -453,7 +453,7 @@ def _everybody(stack: contextlib.ExitStack, address: str) -> Room:
     return Room(driver, peers, tellers, clients, newcomer)
 
 
-def _complete(peer: Peer, messages: list[Message], count: int) -> None:
+def _complete(peer: Peer, messages: list[TimedMessage], count: int) -> None:
     """Listen until all is there, and a little longer, in case that too much comes; the test says what is missing."""
     end = time.monotonic() + PATIENCE_S
     while sum(message.body.get("method") == "sample" for message in messages) < count and time.monotonic() < end:
@@ -461,7 +461,7 @@ def _complete(peer: Peer, messages: list[Message], count: int) -> None:
     messages += peer.receive(0.1)
 
 
-def told(messages: list[Message]) -> Story:
+def told(messages: list[TimedMessage]) -> Story:
     story: Story = {}
     for message in messages:
         if message.body.get("method") == "sample":

@@ -18,7 +18,7 @@ import numpy as np
 
 from uwserver.ports import Cast, Event, OnReply, Refused, Reply, Sample, SceneState, WaterView
 from uwserver.ports.crossing import TickOutput
-from uwserver.recording.player_file import Message, NotPlayable
+from uwserver.recording.player_file import McapMessage, NotPlayable
 from uwserver.recording.player_items import Item
 from uwserver.recording.player_services import objection
 from uwserver.recording.player_track import Track
@@ -181,7 +181,7 @@ class Deck:
             self._goals.remove(goal)
             bus.reply(goal.on_reply, Reply(tick, t_ns))
 
-    def _samples(self, messages: Iterable[Message]) -> list[Sample]:
+    def _samples(self, messages: Iterable[McapMessage]) -> list[Sample]:
         """Return the samples of messages that a client wants."""
         wanted, track = self._bus.wanted, self.track
         chosen = (m for m in messages if wanted is None or track.messages.topic(m) in wanted)

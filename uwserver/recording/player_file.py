@@ -69,7 +69,7 @@ class Chunk(NamedTuple):
     end_ns: int
 
 
-class Message(NamedTuple):
+class McapMessage(NamedTuple):
     """A message: number of its channel, log time (ns), and its bytes."""
 
     channel: int
@@ -108,7 +108,7 @@ class Chunks:
         self.metadata: dict[str, dict[str, str]] = {}
         self.is_finished = False
         self._where: dict[int, Sequence[int]] = {}
-        self._kept: OrderedDict[int, list[Message]] = OrderedDict()
+        self._kept: OrderedDict[int, list[McapMessage]] = OrderedDict()
         self._next = len(MAGIC)
         try:
             records = self._records(_LIMITS)
@@ -143,7 +143,7 @@ class Chunks:
 
     # -- reading --------------------------------------------------------------------------------------------------------------------
 
-    def messages(self, chunk: int) -> list[Message]:
+    def messages(self, chunk: int) -> list[McapMessage]:
         """Return the messages of a chunk in the order of the file; an empty list for a damaged chunk.
 
         Raises:
@@ -222,12 +222,12 @@ class Chunks:
                 raise NotPlayable(str(error)) from error
             return b""  # the other chunks can still be played
 
-    def _parsed(self, data: bytes) -> Iterator[Message]:
+    def _parsed(self, data: bytes) -> Iterator[McapMessage]:
         for code, begin, end in records_in(data):
             if code == MESSAGE and end - begin >= MESSAGE_HEAD.size:
                 channel, _, t_ns, _ = MESSAGE_HEAD.unpack_from(data, begin)
                 if t_ns <= LATEST_NS:
-                    yield Message(channel, t_ns, data[begin + MESSAGE_HEAD.size : end])
+                    yield McapMessage(channel, t_ns, data[begin + MESSAGE_HEAD.size : end])
             elif code == CHANNEL:
                 channels: dict[int, Any] = {}
                 try:

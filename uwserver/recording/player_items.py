@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
 from uwserver.ports import Cast, Event, Port, Service, WaterView
-from uwserver.recording.player_file import Message
+from uwserver.recording.player_file import McapMessage
 from uwserver.recording.states import Body
 
 Type = Literal["sample", "event", "jump", "state"]
@@ -51,4 +51,4 @@ class Item(NamedTuple):
 
     t_ns: int
     type: Type
-    message: Message
+    message: McapMessage

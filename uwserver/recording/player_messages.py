@@ -8,13 +8,13 @@ from typing import Any, Final
 import msgspec
 
 from uwserver.ports import Buffer, Event, Field, Port, Sample
-from uwserver.recording.player_file import Channel, Message
+from uwserver.recording.player_file import Channel, McapMessage
 
 _PLAYED_EVENTS: Final = ("conflict", "watchdog", "fault", "autopilot", "ports_changed")
 """Events that are played. Those about the clock and the server belong to the server that recorded them."""
 
 
-class Messages:
+class ChannelReader:
     """Reads the messages of some channels.
 
     Attributes:
@@ -28,12 +28,12 @@ class Messages:
         self._event = msgspec.json.Decoder(Event)
         self.damaged = 0
 
-    def topic(self, message: Message) -> str:
+    def topic(self, message: McapMessage) -> str:
         """Return the topic of a message, which is the path of its port; "" if its channel is unknown."""
         channel = self._channels.get(message.channel)
         return "" if channel is None else channel.topic
 
-    def event(self, message: Message) -> Event | None:
+    def event(self, message: McapMessage) -> Event | None:
         """Return the event in a message; None if it is damaged."""
         try:
             return self._event.decode(message.data)
@@ -41,12 +41,12 @@ class Messages:
             self.damaged += 1
             return None
 
-    def played_event(self, message: Message) -> Event | None:
+    def played_event(self, message: McapMessage) -> Event | None:
         """Return the event in a message, if it is played; else None."""
         event = self.event(message)
         return event if event is not None and event.event in _PLAYED_EVENTS else None
 
-    def sample(self, message: Message, ports: Mapping[str, Port]) -> Sample | None:
+    def sample(self, message: McapMessage, ports: Mapping[str, Port]) -> Sample | None:
         """Return the sample in a message; None if it is damaged, or not of a sensor among these ports."""
         path = self.topic(message)
         port = ports.get(path)

@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 from uwserver.recording.format import METADATA
 from uwserver.recording.parts import FIRST_PART, PART, RUN, part_of, part_path
-from uwserver.recording.player_file import Channel, Chunk, Chunks, Message, NotPlayable
+from uwserver.recording.player_file import Channel, Chunk, Chunks, McapMessage, NotPlayable
 from uwserver.recording.reading import NotReplayable, head_record, parts_of
 
 _Key = tuple[Channel, int]
@@ -136,7 +136,7 @@ class PartChunks:
         for part in self._parts:
             part.file.close()
 
-    def messages(self, chunk: int) -> list[Message]:
+    def messages(self, chunk: int) -> list[McapMessage]:
         """Return the messages of a chunk, as `Chunks.messages`."""
         part = self._parts[bisect_right(self._parts, chunk, key=lambda part: part.start) - 1]
         if part is not self._reading:
@@ -147,7 +147,7 @@ class PartChunks:
         self._learn(part)
         if part.is_as_written:
             return found
-        return [Message(part.numbers.get(own, -1), t_ns, data) for own, t_ns, data in found]
+        return [McapMessage(part.numbers.get(own, -1), t_ns, data) for own, t_ns, data in found]
 
     def last_with(self, channel: int, before: int) -> int:
         """Return the last chunk before this one that contains messages of a channel, as `Chunks.last_with`."""

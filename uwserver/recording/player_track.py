@@ -18,10 +18,10 @@ import msgspec
 from uwserver.ports import Cast, Port, Sample, SceneState, Service
 from uwserver.recording.format import EVENTS, METADATA
 from uwserver.recording.parts import begins_with_state
-from uwserver.recording.player_file import Message, NotPlayable, renamed
+from uwserver.recording.player_file import McapMessage, NotPlayable, renamed
 from uwserver.recording.player_head import played_head
 from uwserver.recording.player_items import Item, Mark, Place, Run, Scene
-from uwserver.recording.player_messages import Messages
+from uwserver.recording.player_messages import ChannelReader
 from uwserver.recording.player_parts import PartChunks
 from uwserver.recording.states import CASTS, JUMPS, STATES, CastRecord, read_state, time_of_state
 
@@ -75,7 +75,7 @@ class Track:
             self._jumps_before = 0
             self._seen_chunks = 0
             self._jump_places: list[tuple[Place, int]] = []
-            self.messages = Messages(self._chunks.channels)
+            self.messages = ChannelReader(self._chunks.channels)
             self._follow()
             if not self.scenes:
                 raise NotPlayable(f"{path}: the recording ends before its first tick: there is nothing to play")
@@ -88,7 +88,7 @@ class Track:
             raise
         self.state: SceneState | None = None
         self.head_item: Item | None = None
-        self._newest: dict[int, Message] = {}
+        self._newest: dict[int, McapMessage] = {}
         self.run = 0
         self.seek(0, self.runs[0].from_ns - 1)
 
@@ -147,7 +147,7 @@ class Track:
         chunks = {chunk for channel in self._numbers(topic) for chunk in self._chunks.holding(channel)}
         return sorted(chunk for chunk in chunks if chunk >= first)
 
-    def _of_topic(self, topic: str, chunk: int) -> Iterator[tuple[int, Message]]:
+    def _of_topic(self, topic: str, chunk: int) -> Iterator[tuple[int, McapMessage]]:
         """Yield the messages of a topic in a chunk, with their indices."""
         for k, message in enumerate(self._chunks.messages(chunk)):
             if self.messages.topic(message) == topic:
@@ -183,7 +183,7 @@ class Track:
     def _numbers(self, topic: str) -> list[int]:
         return [number for number, channel in self._chunks.channels.items() if channel.topic == topic]
 
-    def _add_scene(self, message: Message) -> None:
+    def _add_scene(self, message: McapMessage) -> None:
         try:
             record = msgspec.json.decode(message.data, type=CastRecord)
             if self._names:
@@ -211,7 +211,7 @@ class Track:
         jumps = record.jumps - self._jumps_before
         self.scenes.append(Scene(jumps, record.t_ns, record.cast, bodies, ports, services, water))
 
-    def _time_of(self, state: Message) -> tuple[int, int]:
+    def _time_of(self, state: McapMessage) -> tuple[int, int]:
         """Return run and time (ns) of a state."""
         jumps, t_ns = time_of_state(state.data)
         return jumps - self._jumps_before, t_ns
@@ -235,7 +235,7 @@ class Track:
 
     # -- playing --------------------------------------------------------------------------------------------------------------------
 
-    def seek(self, run: int, t_ns: int) -> list[Message]:
+    def seek(self, run: int, t_ns: int) -> list[McapMessage]:
         """Go to a time of a run; later messages come next. Return the last message of each sensor until then. Raises NotPlayable."""
         self.run = run
         chunks, first, end = self._chunks.chunks, self.runs[run].first, self._end_of(run)
@@ -253,7 +253,7 @@ class Track:
     def _end_of(self, run: int) -> Place:
         return self.runs[run + 1].first if run + 1 < len(self.runs) else Place(len(self._chunks.chunks), 0)
 
-    def _latest(self, run: int, t_ns: int, begin: int) -> dict[int, Message]:
+    def _latest(self, run: int, t_ns: int, begin: int) -> dict[int, McapMessage]:
         """Return the last message of each sensor channel until a time, and set `state`.
 
         It goes backwards through the chunks that contain a channel whose message is not found yet.
@@ -268,7 +268,7 @@ class Track:
             n for n, c in self._chunks.channels.items() if c.topic in ports and ports[c.topic].direction == "sensor"
         }
         before = dict.fromkeys(sensors | states, upper + 1)
-        found: dict[int, Message] = {}
+        found: dict[int, McapMessage] = {}
         while before:
             before = {channel: self._chunks.last_with(channel, chunk) for channel, chunk in before.items()}
             # The states of a run may come before the jump with which it begins.
@@ -294,9 +294,9 @@ class Track:
             self.show(found.pop(channel))
         return found
 
-    def _early(self, place: Place, run: int, after_ns: int) -> deque[tuple[int, Message]]:
+    def _early(self, place: Place, run: int, after_ns: int) -> deque[tuple[int, McapMessage]]:
         """Return the states after a time that come before a place in the file, with their runs."""
-        found: deque[tuple[int, Message]] = deque()
+        found: deque[tuple[int, McapMessage]] = deque()
         states = self._numbers(STATES)
         for chunk in range(place.chunk, max(-1, place.chunk - _MOST_EARLY), -1):
             messages = self._chunks.messages(chunk) if chunk < len(self._chunks.chunks) else []
@@ -309,7 +309,7 @@ class Track:
         return found
 
     def _items(
-        self, place: Place, run: int, after_ns: int, waiting: deque[tuple[int, Message]]
+        self, place: Place, run: int, after_ns: int, waiting: deque[tuple[int, McapMessage]]
     ) -> Iterator[Item | None]:
         """Yield the items after a time in the order of time; None while the file contains nothing more. `waiting` are the states of `_early`."""
         now = after_ns
@@ -363,14 +363,14 @@ class Track:
             self._newest, self.state = {}, None
         return item
 
-    def show(self, message: Message) -> None:
+    def show(self, message: McapMessage) -> None:
         """Set the poses of the bodies from a message."""
         try:
             self.state = read_state(message.data, self._casts).state
         except ValueError:
             self.messages.damaged += 1
 
-    def last(self) -> list[Message]:
+    def last(self) -> list[McapMessage]:
         """Return the last message of each sensor, in the order of time."""
         return sorted(self._newest.values(), key=lambda message: message.t_ns)
 

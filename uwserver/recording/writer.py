@@ -44,7 +44,7 @@ class _Kind:
     channel: int = 0
 
 
-class _Message(msgspec.Struct, frozen=True, gc=False):
+class _SampleRecord(msgspec.Struct, frozen=True, gc=False):
     """A sample as it is written in JSON; `value` is a struct of the port's fields, which is encoded faster than a dictionary."""
 
     seq: int
@@ -127,19 +127,19 @@ class RecordingWriter:
     def _encode_rows(self, told: Told, ports: Mapping[str, Port]) -> None:
         entries, rows = told.entries(), self._row_of
         heads: list[tuple[int, int, int, int]] = []
-        messages: list[_Message] = []
+        messages: list[_SampleRecord] = []
         for (t_sent_ns, _, stream, seq, t_ns, valid, _), values in zip(entries, told.values(entries), strict=True):
             row = rows[stream] if stream in rows else self._row(stream, ports)
             if row is not None and len(values) == row[1]:
                 heads.append((row[0], seq & _SEQUENCE, t_sent_ns, t_ns))
-                messages.append(_Message(seq, t_ns, t_sent_ns, valid != 0, row[2](*values)))
+                messages.append(_SampleRecord(seq, t_ns, t_sent_ns, valid != 0, row[2](*values)))
             else:
                 self._add_rows(heads, messages)
                 heads, messages = [], []
                 self.sample(Sample(told.origins[stream].path, seq, t_ns, t_sent_ns, valid != 0, values), ports)
         self._add_rows(heads, messages)
 
-    def _add_rows(self, heads: list[tuple[int, int, int, int]], messages: list[_Message]) -> None:
+    def _add_rows(self, heads: list[tuple[int, int, int, int]], messages: list[_SampleRecord]) -> None:
         if heads:
             # Messages can be split at line feeds, because JSON escapes those in texts.
             self._writer.add_messages(heads, self._encode_lines(messages).split(b"\n"))

@@ -16,7 +16,7 @@ from uwserver.frames import Vec3, conjugate, rotate
 from uwserver.modifiers.base import Measurement, Memory, Number
 from uwserver.ports import Argument, Buffer, Field, Json, Value
 from uwserver.sensors.base import Pose, Scope, Sensor, SensorTable, Settings, Traits
-from uwserver.sensors.messages import MOST_BYTES, MOST_INBOX, MOST_QUEUE, Address, Message, ModemMemory
+from uwserver.sensors.modem_memory import MOST_BYTES, MOST_INBOX, MOST_QUEUE, Address, ModemMemory, ModemReport
 from uwserver.table import Name, NonNegative
 from uwserver.units import NANOSECONDS, rad
 
@@ -207,7 +207,7 @@ class Modem(Sensor):
         if not isinstance(record, ModemMemory):
             super().valid(record)
 
-    def tell(self, message: Message) -> None:
+    def tell(self, message: ModemReport) -> None:
         """Put an event into the inbox."""
         inbox = self.memory.inbox
         if len(inbox) == MOST_INBOX:

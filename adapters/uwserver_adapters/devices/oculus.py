@@ -18,7 +18,7 @@ from uwserver.table import Name, Positive
 from uwserver_adapters.devices import oculus_messages as wire
 from uwserver_adapters.devices.codec import NANOSECONDS, deg
 from uwserver_adapters.devices.device import DeviceTable, Reply, Report, Source
-from uwserver_adapters.devices.oculus_messages import Fire, Message, MessageReader, Ping
+from uwserver_adapters.devices.oculus_messages import Fire, OculusMessage, OculusReader, Ping
 
 MODELS: Mapping[str, tuple[int, float, float]] = {
     "M370s": (1041, 375e3, 375e3), "M750d": (1032, 750e3, 1.2e6), "M1200d": (1042, 1.2e6, 2.1e6), "M3000d": (2203, 1.2e6, 3.0e6),
@@ -80,9 +80,9 @@ class Oculus:
         self._pinged_ns = self._told_ns = -1
         self._rpy_deg = (0.0, 0.0, 0.0)
 
-    def reader(self) -> MessageReader:
+    def reader(self) -> OculusReader:
         """Return a reader of messages."""
-        return MessageReader()
+        return OculusReader()
 
     def reset(self) -> None:
         """Start again at another time; the last fire message stays."""
@@ -90,7 +90,7 @@ class Oculus:
 
     # -- requests -------------------------------------------------------------------------------------------------------------------
 
-    def take(self, message: Message, reply: Reply) -> str:
+    def take(self, message: OculusMessage, reply: Reply) -> str:
         """Carry out a message of a client. The protocol has no answers: each ping result repeats the fire message that it obeys."""
         if message.number == wire.DUMMY:
             return ""
@@ -150,7 +150,7 @@ class Oculus:
             part = MODELS[self._table.model][0]
             said.append(Report(wire.status(self._table.device_id, part, self._address, is_pinging), True))
             if not is_pinging:
-                said.append(Report(wire.encode(Message(wire.DUMMY, source=self._table.device_id)), False))
+                said.append(Report(wire.encode(OculusMessage(wire.DUMMY, source=self._table.device_id)), False))
         if is_pinging and self._is_due(sample.t_ns):
             said += self._ping(sample)
         return said

@@ -29,7 +29,7 @@ _STATUS = struct.Struct("<IHHI6I4s4s4s6s9d")
 
 
 @dataclass(frozen=True)
-class Message:
+class OculusMessage:
     """Any message; its payload is not parsed."""
 
     number: int
@@ -96,7 +96,7 @@ class Ping(Struct, frozen=True):
     rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-def encode(message: Message) -> bytes:
+def encode(message: OculusMessage) -> bytes:
     """Return the bytes of a message."""
     head = HEAD.pack(
         CHECK, message.source, message.destination, message.number, message.version, len(message.payload), 0
@@ -104,7 +104,7 @@ def encode(message: Message) -> bytes:
     return head + message.payload
 
 
-def fire_of(message: Message) -> Fire | None:
+def fire_of(message: OculusMessage) -> Fire | None:
     """Return what a fire message asks; None where its length is none of the two known ones."""
     extended: tuple[int, ...] = ()
     if len(message.payload) == _FIRE.size + _EXTENDED.size:
@@ -138,7 +138,7 @@ def result(device: int, fire: Fire, ping: Ping, picture: bytes) -> bytes:
     offset = max(PICTURE_OFFSET, fixed)
     body += struct.pack("<III", offset, len(picture), offset + len(picture))
     body += struct.pack(f"<{len(ping.bearings)}h", *ping.bearings) + bytes(offset - fixed) + picture
-    return encode(Message(SIMPLE_PING_RESULT, body, fire.version, device))
+    return encode(OculusMessage(SIMPLE_PING_RESULT, body, fire.version, device))
 
 
 def status(device: int, part: int, address: bytes, is_pinging: bool) -> bytes:
@@ -155,15 +155,15 @@ def status(device: int, part: int, address: bytes, is_pinging: bool) -> bytes:
     body = _STATUS.pack(
         device, 1, part, main_runs | paused, *(0,) * 6, address, b"\xff\xff\xff\0", none, b"\x02\0\0" + device.to_bytes(3, "big"), *(0.0,) * 9
     )  # fmt: skip
-    return encode(Message(0, body, 0, device))
+    return encode(OculusMessage(0, body, 0, device))
 
 
-class MessageReader(BinaryReader[Message]):
+class OculusReader(BinaryReader[OculusMessage]):
     """Splits a stream into messages."""
 
     mark, noun = MARK, "message of the Oculus protocol"
 
-    def parse(self, buffer: bytearray) -> tuple[int, Message | Garbage | None]:
+    def parse(self, buffer: bytearray) -> tuple[int, OculusMessage | Garbage | None]:
         """Read the message at the start of the buffer."""
         if len(buffer) < HEAD.size:
             return 0, None
@@ -173,4 +173,4 @@ class MessageReader(BinaryReader[Message]):
         end = HEAD.size + size
         if len(buffer) < end:
             return 0, None
-        return end, Message(number, bytes(buffer[HEAD.size : end]), version, source, destination)
+        return end, OculusMessage(number, bytes(buffer[HEAD.size : end]), version, source, destination)

@@ -17,7 +17,7 @@ from uwserver_adapters.devices import seatrac_messages as wire
 from uwserver_adapters.devices.codec import NANOSECONDS
 from uwserver_adapters.devices.device import DeviceTable, Garbage, LineReader, Reply, Source
 from uwserver_adapters.devices.seatrac_datagrams import Datagrams
-from uwserver_adapters.devices.seatrac_messages import Found, Local, Message, encode
+from uwserver_adapters.devices.seatrac_messages import Found, Local, SeaTracMessage, encode
 
 BeaconId = Annotated[int, Meta(ge=1, le=15)]
 PART_X150, SERIAL_NUMBER, FIRMWARE = 795, 1, (2, 4, 1000)
@@ -144,7 +144,7 @@ class SeaTrac:
             wire.XCVR_STATUS: lambda: bytes((wire.IDLE if self._awaited is None else wire.REQUESTING,)),
         }
 
-    def reader(self) -> LineReader[Message | Garbage]:
+    def reader(self) -> LineReader[SeaTracMessage | Garbage]:
         """Return a reader of commands."""
         return LineReader(wire.LINE_LIMIT, wire.decode)
 
@@ -157,7 +157,7 @@ class SeaTrac:
 
     # -- requests -------------------------------------------------------------------------------------------------------------------
 
-    def take(self, message: Message, reply: Reply) -> str:
+    def take(self, message: SeaTracMessage, reply: Reply) -> str:
         """Carry out a command; its answer has the same number."""
         number = message.number
         if number == wire.DAT_SEND and self._modem is not None:
@@ -168,7 +168,7 @@ class SeaTrac:
             return self._configure(message.payload, reply)
         if number not in self._answers:
             return f"command 0x{number:02X} is not simulated"
-        reply(encode(Message(number, self._answers[number]())))
+        reply(encode(SeaTracMessage(number, self._answers[number]())))
         return ""
 
     def _information(self) -> bytes:
@@ -191,7 +191,7 @@ class SeaTrac:
             reason, code = f"status mode {payload[1]}: 0 to {len(wire.STATUS_HZ) - 1}", wire.PARAM_INVALID
         else:
             self._content, self._mode = payload
-        reply(encode(Message(wire.STATUS_CFG_SET, bytes((code,)))))
+        reply(encode(SeaTracMessage(wire.STATUS_CFG_SET, bytes((code,)))))
         return reason
 
     def _ask(self, command: int, payload: bytes, reply: Reply) -> str:
@@ -206,7 +206,7 @@ class SeaTrac:
             (self._awaited is not None, "", wire.BUSY),
         )  # fmt: skip
         reason, code = next(((text, code) for is_wrong, text, code in faults if is_wrong), ("", wire.OK))
-        reply(encode(Message(command, bytes((code, number)))))
+        reply(encode(SeaTracMessage(command, bytes((code, number)))))
         if code == wire.OK:
             name = next((name for name, beacon in self._table.beacons.items() if beacon.id == number), "")
             self._awaited = _Awaited(name, number, request, query, reply)
@@ -229,7 +229,7 @@ class SeaTrac:
         if not rate or period == self._period:
             return []
         self._period = period
-        return [encode(Message(wire.STATUS, self._status()))]
+        return [encode(SeaTracMessage(wire.STATUS, self._status()))]
 
     def _see_fix(self, sample: Sample) -> None:
         said = cast(dict[str, Any], self._usbl.values(sample))
@@ -254,7 +254,7 @@ class SeaTrac:
             found = replace(found, bearing=said["bearing"], elevation=said["elevation"], p_N=p_N, depth=depth)
         record = wire.fix(self._table.id, awaited.number, awaited.request + 1, local, found)
         if awaited.query is None:
-            return encode(Message(wire.PING_RESP, record))
+            return encode(SeaTracMessage(wire.PING_RESP, record))
         depth_dm, temperature = wire.i32(wire.DECI * (remote.depth or 0.0)), wire.i16(wire.DECI * remote.temperature)
         known = {
             wire.QUERY_DEPTH: None if remote.depth is None else struct.pack("<i", depth_dm),
@@ -262,14 +262,14 @@ class SeaTrac:
             wire.QUERY_ATTITUDE: None if remote.q_NS is None else remote.attitude(),
         }
         told = {bit: data for bit, data in known.items() if awaited.query & bit and data is not None}
-        return encode(Message(wire.NAV_QUERY_RESP, record + bytes((sum(told),)) + b"".join(told.values()) + b"\x01"))
+        return encode(SeaTracMessage(wire.NAV_QUERY_RESP, record + bytes((sum(told),)) + b"".join(told.values()) + b"\x01"))
 
     def _fail(self) -> None:
         """Tell the peer that waits that no answer came."""
         awaited, self._awaited = self._awaited, None
         if awaited is not None:
             error = wire.PING_ERROR if awaited.query is None else wire.NAV_ERROR
-            awaited.reply(encode(Message(error, bytes((wire.TIMED_OUT, awaited.number)))))
+            awaited.reply(encode(SeaTracMessage(error, bytes((wire.TIMED_OUT, awaited.number)))))
 
     def _status(self) -> bytes:
         local, content = self._own.local, self._content

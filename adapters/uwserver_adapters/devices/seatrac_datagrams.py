@@ -12,7 +12,7 @@ from uwserver.ports import Buffer, Progress, Refused, Sample
 from uwserver.ports import Reply as Answer
 from uwserver_adapters.devices import seatrac_messages as wire
 from uwserver_adapters.devices.device import Reply, Source
-from uwserver_adapters.devices.seatrac_messages import Found, Local, Message, encode
+from uwserver_adapters.devices.seatrac_messages import Found, Local, SeaTracMessage, encode
 
 LONGEST = 31
 """Most bytes of a datagram."""
@@ -50,7 +50,7 @@ class Datagrams:
         destination = payload[0] if payload else 0
 
         def tell(code: int) -> None:
-            reply(encode(Message(wire.DAT_SEND, bytes((code, destination)))))
+            reply(encode(SeaTracMessage(wire.DAT_SEND, bytes((code, destination)))))
 
         reason, code = self._fault(payload)
         if code != wire.OK:
@@ -96,7 +96,7 @@ class Datagrams:
             return []
         said = cast(dict[str, Any], self._heard.values(sample))
         if said["event"] == "failed":
-            return [encode(Message(wire.DAT_ERROR, bytes((wire.TIMED_OUT, said["destination"] & 0xFF))))]
+            return [encode(SeaTracMessage(wire.DAT_ERROR, bytes((wire.TIMED_OUT, said["destination"] & 0xFF))))]
         is_answer = said["event"] == "delivered"
         other = (said["destination"] if is_answer else said["source"]) & 0xFF
         data = said["data"].data[:LONGEST] if isinstance(said["data"], Buffer) and not is_answer else b""
@@ -107,7 +107,7 @@ class Datagrams:
             kind = wire.ONE_WAY_USBL
         addressed = self._own if is_answer else said["destination"] & 0xFF
         record = wire.fix(addressed, other, kind, local, found)
-        return [encode(Message(wire.DAT_RECEIVE, record + bytes((is_answer, len(data))) + data + b"\x01"))]
+        return [encode(SeaTracMessage(wire.DAT_RECEIVE, record + bytes((is_answer, len(data))) + data + b"\x01"))]
 
     def _found(self, said: dict[str, Any], local: Local) -> Found:
         reach, bearing, elevation = said["range"], said["bearing"], said["elevation"] or 0.0

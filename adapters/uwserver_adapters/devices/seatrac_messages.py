@@ -40,7 +40,7 @@ DECI, TENTH_US = 10.0, 1e7
 
 
 @dataclass(frozen=True)
-class Message:
+class SeaTracMessage:
     """A command to the beacon, or one of its messages."""
 
     number: int
@@ -64,13 +64,13 @@ def crc16(data: bytes) -> int:
     return crc
 
 
-def encode(message: Message, mark: bytes = b"$") -> bytes:
+def encode(message: SeaTracMessage, mark: bytes = b"$") -> bytes:
     """Return the line of a message; `mark` is ``#`` for a command."""
     body = bytes((message.number,)) + message.payload
     return mark + (body + crc16(body).to_bytes(2, "little")).hex().upper().encode() + b"\r\n"
 
 
-def decode(line: bytes) -> Message | Garbage:
+def decode(line: bytes) -> SeaTracMessage | Garbage:
     """Parse the line of a command, without its end."""
     if not line.startswith(b"#"):
         return Garbage("a line is no command of the SeaTrac protocol: those begin with #")
@@ -82,7 +82,7 @@ def decode(line: bytes) -> Message | Garbage:
         return Garbage("a command of the SeaTrac protocol is too short")
     if crc16(body[:-2]) != int.from_bytes(body[-2:], "little"):
         return Garbage("the checksum of a command of the SeaTrac protocol is wrong")
-    return Message(body[0], body[1:-2])
+    return SeaTracMessage(body[0], body[1:-2])
 
 
 # -- values ---------------------------------------------------------------------------------------------------------------------------

@@ -35,14 +35,14 @@ _FROM_NED: Mapping[int, Quat] = {ENU: (0.0, _HALF, _HALF, 0.0), NWU: _FLIP}
 
 
 @dataclass(frozen=True)
-class Message:
+class XbusMessage:
     """Any message; its data are not parsed."""
 
     number: int
     data: bytes = b""
 
 
-def encode(message: Message) -> bytes:
+def encode(message: XbusMessage) -> bytes:
     """Return the bytes of a message."""
     size = len(message.data)
     length = bytes((size,)) if size < EXTENDED else bytes((EXTENDED,)) + size.to_bytes(2, "big")
@@ -50,12 +50,12 @@ def encode(message: Message) -> bytes:
     return bytes((PREAMBLE,)) + body + bytes((-sum(body) & 0xFF,))
 
 
-class MessageReader(BinaryReader[Message]):
+class XbusReader(BinaryReader[XbusMessage]):
     """Splits a stream into messages."""
 
     mark, noun = bytes((PREAMBLE,)), "message of the Xbus protocol"
 
-    def parse(self, buffer: bytearray) -> tuple[int, Message | Garbage | None]:
+    def parse(self, buffer: bytearray) -> tuple[int, XbusMessage | Garbage | None]:
         """Read the message at the start of the buffer."""
         if len(buffer) < 4 or (buffer[3] == EXTENDED and len(buffer) < 6):
             return 0, None
@@ -67,7 +67,7 @@ class MessageReader(BinaryReader[Message]):
             return 0, None
         if sum(buffer[1 : end + 1]) & 0xFF:
             return 1, Garbage("the checksum of a message is wrong")
-        return end + 1, Message(buffer[2], bytes(buffer[begin:end]))
+        return end + 1, XbusMessage(buffer[2], bytes(buffer[begin:end]))
 
 
 # -- items ----------------------------------------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from uwserver_adapters.devices import xbus
 from uwserver_adapters.devices.codec import NANOSECONDS
 from uwserver_adapters.devices.device import Reply
 from uwserver_adapters.devices.inertial import InertialDevice, InertialTable
-from uwserver_adapters.devices.xbus import Message, MessageReader, encode
+from uwserver_adapters.devices.xbus import XbusMessage, XbusReader, encode
 
 FIRMWARE, HARDWARE = (1, 12, 0), (2, 0)
 MOST_ITEMS = 32
@@ -64,24 +64,24 @@ class Xsens(InertialDevice):
             xbus.OUTPUT_CONFIGURATION: self._configure,
         }
 
-    def reader(self) -> MessageReader:
+    def reader(self) -> XbusReader:
         """Return a reader of messages."""
-        return MessageReader()
+        return XbusReader()
 
     # -- requests -------------------------------------------------------------------------------------------------------------------
 
-    def take(self, message: Message, reply: Reply) -> str:
+    def take(self, message: XbusMessage, reply: Reply) -> str:
         """Answer a request: by the message of the next number, or by an error."""
         answer = self._answers.get(message.number)
         if answer is None:
-            reply(encode(Message(xbus.ERROR, bytes((xbus.INVALID_MESSAGE,)))))
+            reply(encode(XbusMessage(xbus.ERROR, bytes((xbus.INVALID_MESSAGE,)))))
             return f"message 0x{message.number:02X} is not simulated"
         try:
             data = answer(message.data)
         except ValueError as error:
-            reply(encode(Message(xbus.ERROR, bytes((xbus.INVALID_PARAMETER,)))))
+            reply(encode(XbusMessage(xbus.ERROR, bytes((xbus.INVALID_PARAMETER,)))))
             return f"message 0x{message.number:02X}: {error}"
-        reply(encode(Message(message.number + 1, data)))
+        reply(encode(XbusMessage(message.number + 1, data)))
         return ""
 
     def _measure(self, on: bool) -> bytes:
@@ -126,4 +126,4 @@ class Xsens(InertialDevice):
             return []
         self._count += 1
         data = b"".join(xbus.item(number, readings, self._count) for number in told)
-        return [encode(Message(xbus.MT_DATA_2, data))]
+        return [encode(XbusMessage(xbus.MT_DATA_2, data))]

@@ -65,7 +65,7 @@ _NUMBERS = struct.Struct("<ddd")
 _SHORTEST = _HEAD.size + _NUMBERS.size + 5 * _LENGTH.size
 
 
-class Message(Struct, frozen=True, gc=False):
+class MoosMessage(Struct, frozen=True, gc=False):
     """One message. Texts are UTF-8 with surrogate escapes, so that any bytes come through unchanged.
 
     Attributes:
@@ -114,7 +114,7 @@ class Hello(Struct, frozen=True):
 class Packet(Struct, frozen=True):
     """Messages that came together, and take effect together."""
 
-    messages: tuple[Message, ...]
+    messages: tuple[MoosMessage, ...]
 
 
 class Malformed(Struct, frozen=True):
@@ -137,22 +137,22 @@ WireEvent = Hello | Packet | Malformed | Skipped | Reading
 _READING = Reading()
 
 
-def notify(key: str, value: float | str | bytes, time: float, src: str = "", id: int = -1) -> Message:
+def notify(key: str, value: float | str | bytes, time: float, src: str = "", id: int = -1) -> MoosMessage:
     """Return a write of a variable: a number, a text, or bytes as a binary string."""
     if isinstance(value, str):
-        return Message(NOTIFY, key, data=_bytes(value), kind=STRING, src=src, time=time, id=id)
+        return MoosMessage(NOTIFY, key, data=_bytes(value), kind=STRING, src=src, time=time, id=id)
     if isinstance(value, bytes):
-        return Message(NOTIFY, key, data=value, kind=BINARY, src=src, time=time, id=id)
-    return Message(NOTIFY, key, number=float(value), src=src, time=time, id=id)
+        return MoosMessage(NOTIFY, key, data=value, kind=BINARY, src=src, time=time, id=id)
+    return MoosMessage(NOTIFY, key, number=float(value), src=src, time=time, id=id)
 
 
-def wildcard(type: str, src: str, time: float, pattern: str, app: str = "*", interval_s: float = 0.0) -> Message:
+def wildcard(type: str, src: str, time: float, pattern: str, app: str = "*", interval_s: float = 0.0) -> MoosMessage:
     """Return a registration (or, by `type`, its end) for all variables that match `pattern`, written by clients that match `app`."""
     text = f"AppPattern={app},VarPattern={pattern},Interval={interval_s:g}"
-    return Message(type, src, data=_bytes(text), kind=STRING, src=src, time=time)
+    return MoosMessage(type, src, data=_bytes(text), kind=STRING, src=src, time=time)
 
 
-def wildcard_of(message: Message) -> tuple[str, str, float]:
+def wildcard_of(message: MoosMessage) -> tuple[str, str, float]:
     """Return the patterns of variable and client, and the interval (s), of a wildcard registration; "" and 0 for what is missing."""
     text = message.data[: 3 * NAMES_LIMIT].decode("utf-8", "surrogateescape")
     found = dict(part.split("=", 1) for part in text.split(",") if "=" in part)
@@ -169,7 +169,7 @@ def seconds(text: str) -> float:
     return number if math.isfinite(number) and number > 0.0 else 0.0
 
 
-def encode(message: Message) -> bytes:
+def encode(message: MoosMessage) -> bytes:
     """Return the bytes of one message. Raises ValueError when `type` or `kind` is not one ASCII character, or `id` no i32."""
     src, aux = _bytes(message.src), _bytes(message.src_aux)
     community, key = _bytes(message.community), _bytes(message.key)
@@ -288,7 +288,7 @@ def _packet_of(buffer: bytearray, size: int, most: float) -> Iterator[WireEvent 
         raise _Fault(f"{number} messages in a packet of {size} bytes")
     if number > most:
         raise _Fault(f"{number} messages in a packet: the most that are taken are {most:g}")
-    found: list[Message] = []
+    found: list[MoosMessage] = []
     at = _PACKET.size
     while len(found) < number:
         message, at = _message(data, at)
@@ -300,7 +300,7 @@ def _packet_of(buffer: bytearray, size: int, most: float) -> Iterator[WireEvent 
     yield Packet(tuple(found))
 
 
-def _message(data: bytes, start: int) -> tuple[Message, int]:
+def _message(data: bytes, start: int) -> tuple[MoosMessage, int]:
     if start + _SHORTEST > len(data):
         raise _Fault("the packet ends within a message")
     size, id, type, kind = _HEAD.unpack_from(data, start)
@@ -321,7 +321,7 @@ def _message(data: bytes, start: int) -> tuple[Message, int]:
     if at != end:
         raise _Fault(f"a message has {end - at} bytes too many")
     src, aux, community, key = texts
-    made = Message(
+    made = MoosMessage(
         type.decode("latin-1"), key, number, value, kind.decode("latin-1"), src, aux, community, time, number2, id
     )
     return made, end

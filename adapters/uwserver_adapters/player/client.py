@@ -13,7 +13,7 @@ from uwserver.ports import Event, Fault, Refused, Reply, Sample
 from uwserver_adapters.player import codec, wire
 from uwserver_adapters.player.config import PlayerConfig
 from uwserver_adapters.player.devices import Ask, Device, devices_of
-from uwserver_adapters.player.wire import ACK, CMD, DATA, NACK, OPAQUE, PLAYER, REQ, SYNCH, Message
+from uwserver_adapters.player.wire import ACK, CMD, DATA, NACK, OPAQUE, PLAYER, REQ, SYNCH, PlayerMessage
 
 Address = tuple[int, int]
 """Address of a device: interface, and number in it."""
@@ -80,7 +80,7 @@ class Server:
                     continue
                 subtype, body = told
                 self.context.stats.encoded += 1
-                message = Message(device.interface, device.number, DATA, subtype, body, self.timestamp(sample.t_ns))
+                message = PlayerMessage(device.interface, device.number, DATA, subtype, body, self.timestamp(sample.t_ns))
                 data = wire.encode(message)
                 for client in clients:
                     client.tell(message, data)
@@ -169,7 +169,7 @@ class Client(Connection):
 
     # -- messages -------------------------------------------------------------------------------------------------------------------------
 
-    def _take(self, message: Message) -> None:
+    def _take(self, message: PlayerMessage) -> None:
         if message.interface == PLAYER:
             if message.type != REQ:
                 raise Refused("invalid_request", "the interface player takes requests")
@@ -188,7 +188,7 @@ class Client(Connection):
             raise Refused("unknown_port", f"there is no device {interface}:{index}")
         return device
 
-    def _carry_out(self, message: Message, ask: Ask) -> None:
+    def _carry_out(self, message: PlayerMessage, ask: Ask) -> None:
         def answered(reply: Reply) -> None:
             if reply.fault is not None:
                 self._refuse(message, reply.fault)
@@ -204,7 +204,7 @@ class Client(Connection):
         else:
             self._answer(message, b"")
 
-    def _refuse(self, message: Message, fault: Fault) -> None:
+    def _refuse(self, message: PlayerMessage, fault: Fault) -> None:
         """Refuse a message. A request is answered, with the text where it is opaque; a command is not, by Player's rules."""
         if message.type != REQ:
             self._server.complain(f"{self._name}: {fault.text}")
@@ -213,13 +213,13 @@ class Client(Connection):
         said = {"error": fault.text, "code": fault.code}
         self._answer(message, wire.octets(msgspec.json.encode(said)) if message.interface == OPAQUE else b"", NACK)
 
-    def _answer(self, message: Message, body: bytes, kind: int = ACK) -> None:
+    def _answer(self, message: PlayerMessage, body: bytes, kind: int = ACK) -> None:
         head = message._replace(type=kind, body=body, timestamp=self._server.timestamp())
         self.send_answer(wire.encode(head), self._name)
 
     # -- the interface player ---------------------------------------------------------------------------------------------------------------
 
-    def _of_server(self, message: Message) -> None:
+    def _of_server(self, message: PlayerMessage) -> None:
         """Answer a request of the interface `PLAYER`."""
         body = message.body
         if message.subtype == wire.DEVLIST:
@@ -252,7 +252,7 @@ class Client(Connection):
         name = device.name.encode()[: wire.NAME_BYTES - 1] + b"\0"
         return wire.u32(*self._here, device.interface, device.number) + wire.octets(name)
 
-    def _open_or_close(self, message: Message) -> None:
+    def _open_or_close(self, message: PlayerMessage) -> None:
         address = wire.read_u32(message.body, 8), wire.read_u32(message.body, 12)
         access = wire.read_u32(message.body, 16)
         device = self._server.devices.get(address)
@@ -269,7 +269,7 @@ class Client(Connection):
 
     # -- data -----------------------------------------------------------------------------------------------------------------------------
 
-    def tell(self, message: Message, data: bytes) -> None:
+    def tell(self, message: PlayerMessage, data: bytes) -> None:
         """Send data of a device that the client has opened, or keep the newest for a client that pulls.
 
         Args:
@@ -289,4 +289,4 @@ class Client(Connection):
             self.send_sample(data)
         self._newest.clear()
         self._is_asked = False
-        self.write(wire.encode(Message(PLAYER, 0, SYNCH, 1, timestamp=self._server.timestamp())))
+        self.write(wire.encode(PlayerMessage(PLAYER, 0, SYNCH, 1, timestamp=self._server.timestamp())))

@@ -13,7 +13,7 @@ from uwserver.frames import conjugate, frd_from_flu, ned_from_enu, rotate
 from uwserver.ports import Port, Refused, Sample
 from uwserver_adapters.player import codec, wire
 from uwserver_adapters.player.codec import DataMaker, DataMessage
-from uwserver_adapters.player.wire import CMD, GPS, IMU, OPAQUE, POSITION3D, RANGER, REQ, Message
+from uwserver_adapters.player.wire import CMD, GPS, IMU, OPAQUE, POSITION3D, RANGER, REQ, PlayerMessage
 
 SERVICES = "services"
 """Name of the opaque device by which clients call services."""
@@ -52,7 +52,7 @@ class Device(NamedTuple):
     name: str
     ports: tuple[str, ...] = ()
     tell: DataMaker = lambda _: None
-    take: Callable[[Message], Ask] | None = None
+    take: Callable[[PlayerMessage], Ask] | None = None
 
 
 def devices_of(ports: Mapping[str, Port], epoch_ns: int, pose: str) -> list[Device]:
@@ -119,11 +119,11 @@ def _pose_of(vehicle: str, ports: Mapping[str, Port], pose: str) -> tuple[tuple[
     return (path,), estimate
 
 
-def _steering(vehicle: str) -> Callable[[Message], Ask]:
+def _steering(vehicle: str) -> Callable[[PlayerMessage], Ask]:
     """Return what takes the messages of a position3d. Velocity and position go to the vehicle's autopilot; motor power arms it, and either mode makes
     it follow them."""
 
-    def take(message: Message) -> Ask:
+    def take(message: PlayerMessage) -> Ask:
         kind = (message.type, message.subtype)
         if message.type == CMD and message.subtype in (SET_VEL, SET_POS):
             x, y, z, _, _, yaw, _ = wire.read(_VELOCITY, message.body)
@@ -159,7 +159,7 @@ def _standard(port: Port, epoch_ns: int) -> Iterator[tuple[int, DataMaker]]:
         yield RANGER, codec.ranger(names.index(RANGES[str(port.message)]))
 
 
-def _of_imu(message: Message) -> Ask:
+def _of_imu(message: PlayerMessage) -> Ask:
     if (message.type, message.subtype) == (REQ, _SET_DATATYPE) and wire.read_u32(message.body) == codec.CALIBRATED:
         return Ask()
     raise Refused("bad_argument", "an imu tells calibrated data (datatype 2) here, and takes nothing else")
@@ -168,7 +168,7 @@ def _of_imu(message: Message) -> Ask:
 # -- all others -----------------------------------------------------------------------------------------------------------------------------
 
 
-def _opaque(port: Port) -> tuple[tuple[str, ...], DataMaker, Callable[[Message], Ask] | None]:
+def _opaque(port: Port) -> tuple[tuple[str, ...], DataMaker, Callable[[PlayerMessage], Ask] | None]:
     """Return ports, `tell` and `take` of a device that stands for a port, with JSON as on every wire of text."""
     if port.direction == "sensor":
         form = SampleForm(port)
@@ -179,7 +179,7 @@ def _opaque(port: Port) -> tuple[tuple[str, ...], DataMaker, Callable[[Message],
 
         return (port.path,), tell, None
 
-    def take(message: Message) -> Ask:
+    def take(message: PlayerMessage) -> Ask:
         if message.type not in (CMD, REQ):
             raise Refused("invalid_request", "an actuator takes commands, or requests, which are answered")
         return Ask(port.path, args=_object(message))
@@ -187,14 +187,14 @@ def _opaque(port: Port) -> tuple[tuple[str, ...], DataMaker, Callable[[Message],
     return (), lambda _: None, take
 
 
-def _object(message: Message) -> dict[str, object]:
+def _object(message: PlayerMessage) -> dict[str, object]:
     said = decode(wire.read_octets(message.body).rstrip(b"\0"), "json")
     if not isinstance(said, dict):
         raise Refused("bad_argument", "the data are a JSON object, {...}")
     return said
 
 
-def _service_call(message: Message) -> Ask:
+def _service_call(message: PlayerMessage) -> Ask:
     said = _object(message)
     service, args = said.get("service"), said.get("args", {})
     if not isinstance(service, str) or not isinstance(args, dict) or set(said) - {"service", "args"}:

@@ -33,7 +33,7 @@ _HEADER = struct.Struct(">6IdII")
 _U32 = struct.Struct(">I")
 
 
-class Message(NamedTuple):
+class PlayerMessage(NamedTuple):
     """A message: device (interface, and number in it), type and subtype, body, time (s), and number."""
 
     interface: int
@@ -47,7 +47,7 @@ class Message(NamedTuple):
     robot: int = 0
 
 
-def encode(message: Message) -> bytes:
+def encode(message: PlayerMessage) -> bytes:
     """Return the bytes of a message."""
     address = (message.host, message.robot, message.interface, message.number)
     head = _HEADER.pack(*address, message.type, message.subtype, message.timestamp, message.seq, len(message.body))
@@ -64,7 +64,7 @@ class Decoder:
         """Store bytes in pieces of any size."""
         self._buffer += data
 
-    def next_event(self) -> Message | None:
+    def next_event(self) -> PlayerMessage | None:
         """Return the next message; None until more bytes come.
 
         Raises:
@@ -82,7 +82,7 @@ class Decoder:
             return None
         body = bytes(memoryview(self._buffer)[_HEADER.size : end])
         del self._buffer[:end]
-        return Message(interface, index, kind, subtype, body, timestamp, seq, host, robot)
+        return PlayerMessage(interface, index, kind, subtype, body, timestamp, seq, host, robot)
 
 
 # -- bodies -------------------------------------------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from uwserver.ports import Event, Sample
 from uwserver_adapters.ros.feed import Feed, Told
 from uwserver_adapters.ros.messages import Facts, Types
 from uwserver_adapters.rosbridge.config import RosbridgeConfig
-from uwserver_adapters.rosbridge.subscriptions import ClientMessage, Message, WorldMessage
+from uwserver_adapters.rosbridge.subscriptions import ClientMessage, TopicMessage, WorldMessage
 
 TOPICS = 4096
 """Most topics that clients may have advertised, all together."""
@@ -21,7 +21,7 @@ class Client(Protocol):
 
     name: str
 
-    def hear(self, topic: str, message: Message) -> None:
+    def hear(self, topic: str, message: TopicMessage) -> None:
         """Take a message of a topic to which it subscribes."""
 
     def serve(self, service: str, args: object, answer: Callable[[bool, object], None]) -> None:
@@ -87,7 +87,7 @@ class Hub:
         inlets = {topic: inlet.type for topic, inlet in self.feed.catalogue.inlets.items()}
         return {**{topic: kind for topic, (kind, _) in self.advertised.items()}, **inlets, **self.feed.topics}
 
-    def subscribe(self, client: Client, topic: str) -> Message | None:
+    def subscribe(self, client: Client, topic: str) -> TopicMessage | None:
         """Let a client hear a topic, once; return the newest message where late subscribers get it."""
         listeners = self._listeners.setdefault(topic, {})
         if client in listeners:

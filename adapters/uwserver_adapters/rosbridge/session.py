@@ -26,7 +26,7 @@ from uwserver_adapters.rosbridge.codec import (
 from uwserver_adapters.rosbridge.hub import TOPICS, Hub
 from uwserver_adapters.rosbridge.offers import Offers
 from uwserver_adapters.rosbridge.rosapi import Rosapi
-from uwserver_adapters.rosbridge.subscriptions import Message, Options, Room, Subscription
+from uwserver_adapters.rosbridge.subscriptions import Options, Room, Subscription, TopicMessage
 from uwserver_adapters.rosbridge.wishes import (
     LONGEST_NAME,
     Asked,
@@ -278,7 +278,7 @@ class Session:
             self._hub.refusals.note(reply.fault.code, reply.fault.text)
             self.tell("error", f"{topic}: {reply.fault.text}", about)
 
-    def hear(self, topic: str, message: Message) -> None:
+    def hear(self, topic: str, message: TopicMessage) -> None:
         """Send a message of a topic."""
         subscription = self._subscriptions.get(topic)
         if subscription is not None:

@@ -35,7 +35,7 @@ class Options:
     compression: str = "none"
 
 
-class Message(Protocol):
+class TopicMessage(Protocol):
     """A message of the world, or of another client.
 
     Attributes:
@@ -59,7 +59,7 @@ class WorldMessage:
         self.size = told.size
 
     def frame(self, topic: str, compression: str) -> bytes | None:
-        """See `Message`."""
+        """See `TopicMessage`."""
         told = self._told
 
         def make() -> bytes | None:
@@ -70,7 +70,7 @@ class WorldMessage:
         return told.encoded(compression, make)
 
     def text(self, topic: str) -> bytes | None:
-        """See `Message`."""
+        """See `TopicMessage`."""
         plain = self._told.plain
         message = {"op": "publish", "topic": topic, "msg": plain}
         return self._told.encoded("text", lambda: None if plain is None else json_text(message))
@@ -85,14 +85,14 @@ class ClientMessage:
         self.size = len(self._json)
 
     def frame(self, topic: str, compression: str) -> bytes | None:
-        """See `Message`. Its ROS bytes are unknown: "cbor-raw" gets CBOR instead."""
+        """See `TopicMessage`. Its ROS bytes are unknown: "cbor-raw" gets CBOR instead."""
         form = "cbor" if compression == "cbor-raw" else compression
         if form not in self._frames:
             self._frames[form] = published(topic, msgspec.json.decode(self._json), form)
         return self._frames[form]
 
     def text(self, topic: str) -> bytes | None:
-        """See `Message`."""
+        """See `TopicMessage`."""
         return b'{"op":"publish","topic":%b,"msg":%b}' % (json_text(topic), self._json)
 
 
@@ -133,7 +133,7 @@ class Subscription:
         self._loop = asyncio.get_running_loop()
         self._merged = Options()
         self._next = 0.0
-        self._waiting: deque[Message] = deque()
+        self._waiting: deque[TopicMessage] = deque()
         self._timer: asyncio.TimerHandle | None = None
         self._pieces = 0
 
@@ -161,7 +161,7 @@ class Subscription:
         while len(self._waiting) > self._merged.queue_length:
             self._oldest()
 
-    def put(self, message: Message) -> None:
+    def put(self, message: TopicMessage) -> None:
         """Send a message of the topic, let it wait, or drop it."""
         throttle_s, now = self._merged.throttle_s, self._loop.time()
         if not throttle_s:
@@ -174,7 +174,7 @@ class Subscription:
         elif self._merged.queue_length:
             self._wait(message)
 
-    def _wait(self, message: Message) -> None:
+    def _wait(self, message: TopicMessage) -> None:
         """Let a message wait; the oldest of the topic are dropped for it. It is dropped itself if other topics leave too little room."""
         room = self._room
         while self._waiting and (
@@ -188,7 +188,7 @@ class Subscription:
         if self._timer is None:
             self._timer = self._loop.call_at(self._next, self._release)
 
-    def _oldest(self) -> Message:
+    def _oldest(self) -> TopicMessage:
         message = self._waiting.popleft()
         self._room.used -= message.size
         return message
@@ -202,7 +202,7 @@ class Subscription:
         if self._waiting:
             self._timer = self._loop.call_at(self._next, self._release)
 
-    def _send(self, message: Message) -> None:
+    def _send(self, message: TopicMessage) -> None:
         size, compression = self._merged.fragment_size, self._merged.compression
         if size is not None and compression in ("none", "png"):
             text = message.text(self.topic)

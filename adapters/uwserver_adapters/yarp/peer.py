@@ -11,7 +11,7 @@ from uwserver_adapters.yarp import codec, port, wire
 from uwserver_adapters.yarp.bottle import Value
 from uwserver_adapters.yarp.config import YarpConfig
 from uwserver_adapters.yarp.port import Reader, Writer, YarpPort
-from uwserver_adapters.yarp.wire import Carrier, Hello, Message
+from uwserver_adapters.yarp.wire import Carrier, Hello, YarpMessage
 
 FAREWELL = "Port command not understood."
 Answered = Callable[[str], None]
@@ -122,7 +122,7 @@ class Peer(Connection):
         local = self.transport.get_extra_info("sockname")
         self.write(wire.welcome(self.carrier, self.name, local[1] if isinstance(local, tuple) else 0))
 
-    def _take(self, message: Message) -> None:
+    def _take(self, message: YarpMessage) -> None:
         if message.key == "q":
             self.close()
             return
@@ -140,7 +140,7 @@ class Peer(Connection):
         else:
             self._text_command(message)
 
-    def _data(self, message: Message) -> None:
+    def _data(self, message: YarpMessage) -> None:
         at, begun = self._at, message.key == "d"
         self._is_answering = begun
 
@@ -163,7 +163,7 @@ class Peer(Connection):
         if not begun:
             self.write(wire.acknowledgement(self.carrier))
 
-    def _call(self, message: Message, answered: Callable[[Reply], None]) -> None:
+    def _call(self, message: YarpMessage, answered: Callable[[Reply], None]) -> None:
         values = message.values
         if list(values) == ["help"]:
             if message.key == "d":
@@ -172,7 +172,7 @@ class Peer(Connection):
         service, args = codec.call(values, self._at.services)
         self._conversation.call(service.path, args, answered)
 
-    def _judge(self, message: Message, fault: Fault) -> None:
+    def _judge(self, message: YarpMessage, fault: Fault) -> None:
         """Report a message that was not taken: to the sender if it waits for an answer, else to the server's user."""
         if message.key in ("d", "a"):
             self._stats.errors += 1
@@ -225,7 +225,7 @@ class Peer(Connection):
         self._is_reader = True
         self._network.hear(self._at, self)
 
-    def _text_command(self, message: Message) -> None:
+    def _text_command(self, message: YarpMessage) -> None:
         """Carry out a command that people type into a text connection."""
         line = message.text
         if message.key == "/":

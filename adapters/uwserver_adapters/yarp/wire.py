@@ -39,7 +39,7 @@ class Hello(NamedTuple):
     sender: str
 
 
-class Message(NamedTuple):
+class YarpMessage(NamedTuple):
     """One message.
 
     Attributes:
@@ -137,7 +137,7 @@ class Decoder:
         """Store bytes in pieces of any size."""
         self._buffer += data
 
-    def next_event(self) -> Hello | Message | None:
+    def next_event(self) -> Hello | YarpMessage | None:
         """Return the next event; None until more bytes come.
 
         Raises:
@@ -196,7 +196,7 @@ class Decoder:
 
     # -- messages -------------------------------------------------------------------------------------------------------------------------
 
-    def _next_command(self) -> Message | None:
+    def _next_command(self) -> YarpMessage | None:
         while (line := self._line(LINE_LIMIT)) is not None:
             if self._command:
                 command, self._command = self._command, ""
@@ -204,10 +204,10 @@ class Decoder:
             if line[:1] in _WITH_BOTTLE:
                 self._command = line
             elif line:
-                return Message(line[0], line, ())
+                return YarpMessage(line[0], line, ())
         return None
 
-    def _next_message(self) -> Message | None:
+    def _next_message(self) -> YarpMessage | None:
         buffer = self._buffer
         if len(buffer) < 8 + _INDEX:
             return None
@@ -228,7 +228,7 @@ class Decoder:
         return _of_binary(body)
 
 
-def _of_binary(body: bytes) -> Message:
+def _of_binary(body: bytes) -> YarpMessage:
     if len(body) < 8 or body[4] != ord("~"):
         raise Refused("parse_error", "a message begins with a command of eight bytes: length, ~, letter, 0, 1")
     if body[5]:
@@ -239,11 +239,11 @@ def _of_binary(body: bytes) -> Message:
     return _with_bottle(body[8:end].decode("utf-8", "replace"), body[end + 1 :])
 
 
-def _with_bottle(command: str, body: str | bytes) -> Message:
+def _with_bottle(command: str, body: str | bytes) -> YarpMessage:
     key = command[:1]
     if key not in _WITH_BOTTLE:
-        return Message(key, command, ())
+        return YarpMessage(key, command, ())
     try:
-        return Message(key, command, from_text(body) if isinstance(body, str) else from_binary(body))
+        return YarpMessage(key, command, from_text(body) if isinstance(body, str) else from_binary(body))
     except Refused as refused:
-        return Message(key, command, (), refused)
+        return YarpMessage(key, command, (), refused)

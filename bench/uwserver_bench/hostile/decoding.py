@@ -112,11 +112,11 @@ def _native() -> Iterator[Decoding]:
         yield Decoding("zenoh", name, _once(lambda data: decode_map(data, "msgpack"), body))
 
 
-def _packet(message: moos.Message, count: int = 1) -> bytes:
+def _packet(message: moos.MoosMessage, count: int = 1) -> bytes:
     return moos.packet([moos.encode(message)] * count)
 
 
-def _text(value: str) -> moos.Message:
+def _text(value: str) -> moos.MoosMessage:
     return moos.notify("A", value, 0.0, "x")
 
 
@@ -124,14 +124,14 @@ MOOS: Mapping[str, bytes] = {
     "16 384 messages in a packet": _packet(moos.notify("A", 1.0, 0.0, "x"), 16_384),
     "2048 messages in a packet": _packet(moos.notify("A", 1.0, 0.0, "x"), 2048),
     "a value of 4 MiB": _packet(_text("x" * (4 * MIB - 200))),
-    "a name of 1 MiB that is no UTF-8": _packet(moos.Message(moos.NOTIFY, "\udcff" * MIB)),
+    "a name of 1 MiB that is no UTF-8": _packet(moos.MoosMessage(moos.NOTIFY, "\udcff" * MIB)),
 }
 
 
 def _moos() -> Iterator[Decoding]:
     for name, data in MOOS.items():
         yield Decoding("MOOSDB", name, _reader(moos.Decoder, data))
-    long = moos.Message(moos.NOTIFY, "A", data=b"\xff" * (4 * MIB), kind=moos.STRING)
+    long = moos.MoosMessage(moos.NOTIFY, "A", data=b"\xff" * (4 * MIB), kind=moos.STRING)
     yield Decoding("MOOSDB", "a text of 4 MiB that is no UTF-8", _once(lambda _: long.value, b""))
     call = "7 world/echo " + '{"value":[' + "1e300," * 10_000 + "1]}"
     yield Decoding(

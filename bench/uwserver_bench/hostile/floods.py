@@ -107,14 +107,14 @@ def _floods() -> Iterator[Flood]:
     )
     yield Flood("UDP: 16 KiB of 1e9,", "udp", JSON["16 KiB of 1e9,"], HELLO, is_udp=True, pause_s=DATAGRAM_S)
     greeting = moos.HELLO + moos.packet(
-        [moos.encode(moos.Message(moos.DATA, moos.ASYNCHRONOUS, data=b"flood%d", kind=moos.STRING))]
+        [moos.encode(moos.MoosMessage(moos.DATA, moos.ASYNCHRONOUS, data=b"flood%d", kind=moos.STRING))]
     )
     writes = moos.packet([moos.encode(moos.notify("FLOOD", 1.0, 0.0, "flood"))] * 2048)
     yield Flood("MOOSDB: 2048 writes in a packet", "moos", writes, greeting)
     looks = moos.packet(
         [moos.encode(moos.wildcard(moos.WILDCARD_REGISTER, "flood", 0.0, f"*A*B{n}", "*")) for n in range(200)]
     )
-    all_of = moos.packet([moos.encode(moos.Message(moos.SERVER_REQUEST, "ALL", id=-2))])
+    all_of = moos.packet([moos.encode(moos.MoosMessage(moos.SERVER_REQUEST, "ALL", id=-2))])
     new = moos.packet([moos.encode(moos.notify("A" * 200 + str(n), 1.0, 0.0, "flood")) for n in range(2048)])
     yield Flood("MOOSDB: 2048 new variables, 200 patterns", "moos", new + all_of, greeting + looks)
     yield Flood("MOOS text: 256 writes in a line", "text", b"A=1 " * 256 + b"\n")

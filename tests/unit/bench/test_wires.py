@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from uwserver_bench.wires import Datagrams, JsonLines, Message, MsgpackFrames, Refusal, ask
+from uwserver_bench.wires import Datagrams, JsonLines, MsgpackFrames, Refusal, TimedMessage, ask
 
 MESSAGES = [
     {"id": 1, "result": {"tick": 3}},
@@ -30,12 +30,12 @@ class Scripted:
 
     def __init__(self, answer: dict) -> None:
         self.answer = answer
-        self.waiting: list[Message] = []
+        self.waiting: list[TimedMessage] = []
 
     def send(self, method, params, identity) -> None:
-        self.waiting = [Message(1, {"method": "sample", "params": {}}), Message(2, {"id": identity, **self.answer})]
+        self.waiting = [TimedMessage(1, {"method": "sample", "params": {}}), TimedMessage(2, {"id": identity, **self.answer})]
 
-    def receive(self, timeout_s) -> list[Message]:
+    def receive(self, timeout_s) -> list[TimedMessage]:
         waiting, self.waiting = self.waiting, []
         return waiting
 
@@ -47,7 +47,7 @@ class Scripted:
 
 
 def test_ask_gives_the_result_and_keeps_the_rest():
-    seen: list[Message] = []
+    seen: list[TimedMessage] = []
     assert ask(Scripted({"result": 5}), "ping", seen=seen) == 5
     assert [message.body["method"] for message in seen] == ["sample"]
 

@@ -9,7 +9,7 @@ import pytest
 from mcap.writer import CompressionType, Writer
 
 from uwserver.logfiles.mcap_records import MAGIC
-from uwserver.recording.player_file import Chunks, Message, NotPlayable, renamed
+from uwserver.recording.player_file import Chunks, McapMessage, NotPlayable, renamed
 
 
 def write(
@@ -31,7 +31,7 @@ def write(
             writer.finish()
 
 
-def all_of(chunks: Chunks) -> list[Message]:
+def all_of(chunks: Chunks) -> list[McapMessage]:
     return [message for k in range(len(chunks.chunks)) for message in chunks.messages(k)]
 
 

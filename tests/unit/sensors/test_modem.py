@@ -7,7 +7,7 @@ from modem_rig import modem
 from msgspec import msgpack
 
 from uwserver.sensors import Pose
-from uwserver.sensors.messages import MOST_INBOX, Message, ModemMemory, Waiting
+from uwserver.sensors.modem_memory import MOST_INBOX, ModemMemory, ModemReport, Waiting
 
 
 def device(**keys):
@@ -15,7 +15,7 @@ def device(**keys):
 
 
 def message(k, over=1.0):
-    return Message("data", 2, 1, bytes([k % 256]), over - 0.25, over)
+    return ModemReport("data", 2, 1, bytes([k % 256]), over - 0.25, over)
 
 
 def test_messages_are_told_in_their_order_when_they_have_come(scope):

@@ -43,7 +43,7 @@ def write_rosbag2(log: Log, mapping: LogMapping, tracks: dict[str, FoundTrack], 
     if folder.exists():
         raise FileExistsError(f"{folder} exists already")
     store: Any = get_typestore(Stores.ROS2_HUMBLE)
-    made = _Messages(store, log.epoch_ns or 0)
+    made = _MessageFactory(store, log.epoch_ns or 0)
     written: set[str] = set()
     poses = [made.track(name, found) for name, found in tracks.items()]
     connections: dict[tuple[str, str], Any] = {}
@@ -55,7 +55,7 @@ def write_rosbag2(log: Log, mapping: LogMapping, tracks: dict[str, FoundTrack], 
     return left_out(mapping, written)
 
 
-class _Messages:
+class _MessageFactory:
     """Makes messages of the types in a type store."""
 
     def __init__(self, store: Any, epoch_ns: int) -> None:

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable, Sequence
 
 from uwserver.physics.kernel.random import EVENT
-from uwserver.sensors.messages import Event, Message
 from uwserver.sensors.modem import Modem
+from uwserver.sensors.modem_memory import Event, ModemReport
 from uwserver.world.modems.packets import Leg, Packet
 
 
@@ -50,13 +50,13 @@ def why_lost(leg: Leg, modem: Modem, packet: Packet, there: Sequence[Leg], own: 
     return "smeared" if passes(leg.noise) else "faint"
 
 
-def message_of(event: Event, leg: Leg, modem: Modem, packet: Packet) -> Message:
-    """Return the message by which a modem reports a packet."""
+def report_of(event: Event, leg: Leg, modem: Modem, packet: Packet) -> ModemReport:
+    """Return the report of a packet."""
     snr, sigma = leg.signal / leg.noise, modem.speed_sigma
     speed = None
     if sigma is not None:
         speed = leg.speed if modem.table.ideal else leg.speed + sigma * drawn(modem, packet.number)[4]
-    return Message(
+    return ModemReport(
         event, packet.source, packet.destination, packet.data, leg.begin, leg.over, leg.level,
         10.0 * math.log10(snr) if snr > 0.0 else None, None, leg.bearing, leg.elevation, speed,
     )  # fmt: skip

@@ -17,10 +17,10 @@ from msgspec import structs
 from uwserver.ports import Sample
 from uwserver.ports.crossing import Later
 from uwserver.sensors.base import Scope
-from uwserver.sensors.messages import MOST_SEEN, Message, Outgoing, Waiting
 from uwserver.sensors.modem import Crossing, Modem
+from uwserver.sensors.modem_memory import MOST_SEEN, ModemReport, Outgoing, Waiting
 from uwserver.units import NANOSECONDS
-from uwserver.world.modems.hearing import drawn, message_of, why_lost
+from uwserver.world.modems.hearing import drawn, report_of, why_lost
 from uwserver.world.modems.node import Node, nodes_of
 from uwserver.world.modems.packets import COMING, MOST_LEGS, MOST_PACKETS, PAST, THERE, Leg, MediumState, Packet
 from uwserver.world.modems.ranging import Ranging
@@ -253,7 +253,7 @@ class Medium(Part):
         elif packet.message not in modem.memory.seen:
             modem.memory.seen = (*modem.memory.seen, packet.message)[-MOST_SEEN:]
             modem.count("heard")
-            modem.tell(message_of("data", leg, modem, packet))
+            modem.tell(report_of("data", leg, modem, packet))
         if not cause and packet.wanted:
             self._answer(leg, modem, packet)
 
@@ -278,7 +278,7 @@ class Medium(Part):
         reach = 0.5 * modem.believed(self._scope(node), node.pose()[0]) * travel
         modem.count("heard")
         told = structs.replace(
-            message_of("delivered", leg, modem, packet),
+            report_of("delivered", leg, modem, packet),
             source=modem.settings.address,
             destination=asked.message.destination,
             range=reach,
@@ -301,7 +301,7 @@ class Medium(Part):
                 continue
             modem.count("unanswered")
             address = modem.settings.address
-            modem.tell(Message("failed", address, message.destination, message.data, asked.until, asked.until))
+            modem.tell(ModemReport("failed", address, message.destination, message.data, asked.until, asked.until))
             waited = asked.until - asked.over
             self._ranging.lost(message.id, f"no answer from {message.destination} came within {waited:.3g} s")
         self._send_next(node)

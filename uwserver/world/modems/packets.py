@@ -7,8 +7,8 @@ from typing import Annotated, Final, Literal
 from msgspec import Meta, Struct
 
 from uwserver.modifiers.base import Number, Time
-from uwserver.sensors.messages import MOST_BYTES
 from uwserver.sensors.modem import Signal
+from uwserver.sensors.modem_memory import MOST_BYTES
 from uwserver.world.part import State
 
 MOST_PACKETS = 1024

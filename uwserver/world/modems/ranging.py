@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from uwserver.ports import ErrorCode, Fault, Json
 from uwserver.ports.crossing import Answers, Later
-from uwserver.sensors.messages import Message
+from uwserver.sensors.modem_memory import ModemReport
 
 
 class Ranging:
@@ -28,7 +28,7 @@ class Ranging:
         self._asked[message] = path, later
         return later
 
-    def answered(self, message: int, told: Message, travel: float) -> None:
+    def answered(self, message: int, told: ModemReport, travel: float) -> None:
         """Answer the call that waits for a message; do nothing if no call does.
 
         Args:

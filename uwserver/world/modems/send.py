@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from uwserver.ports import Buffer, Fault, Field, Items
-from uwserver.sensors.messages import MOST_QUEUE
 from uwserver.sensors.modem import Modem, ModemTable
+from uwserver.sensors.modem_memory import MOST_QUEUE
 
 Submit = Callable[[int, bytes, bool], None]
 """Sends a message: address, payload, and whether an answer is wanted."""

@@ -12,7 +12,7 @@ from uwserver_adapters.mavlink.vehicle.bridge import INFO, WARNING
 from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
 from uwserver_adapters.mavlink.vehicle.others import OtherSystems
 from uwserver_adapters.mavlink.wire.channel import Channel
-from uwserver_adapters.mavlink.wire.dialect import Dialect, Fields, Layout, Message
+from uwserver_adapters.mavlink.wire.dialect import Dialect, Fields, Layout, MavlinkMessage
 from uwserver_adapters.mavlink.wire.frames import Frame, Malformed, pack
 from uwserver_adapters.mavlink.wire.signing import EPOCH_S, KEY_SIZE, STAMPS_PER_S, Signing, key_of
 from uwserver_adapters.mavlink.wire.streams import Streams
@@ -201,7 +201,7 @@ class Router:
             self.counters[f"signing_{reason}"] += 1
         return not reason
 
-    def _set_up_signing(self, message: Message) -> None:
+    def _set_up_signing(self, message: MavlinkMessage) -> None:
         bridge = self.vehicle.bridge
         if bridge.readings.state().armed:
             bridge.tell(WARNING, "Won't setup signing when armed")
@@ -307,6 +307,6 @@ class Router:
         self.context.stats.details["bad_input"] = refused
 
 
-def _target(message: Message, layout: Layout) -> tuple[int, int]:
+def _target(message: MavlinkMessage, layout: Layout) -> tuple[int, int]:
     system, component = layout.target_fields
     return (message.integer(system) if system else 0, message.integer(component) if component else 0)

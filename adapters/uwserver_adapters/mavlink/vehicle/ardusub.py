@@ -27,7 +27,7 @@ from uwserver_adapters.mavlink.vehicle.tunnel import Tunnel
 from uwserver_adapters.mavlink.vehicle.wording import in_words_of_mavlink
 from uwserver_adapters.mavlink.wire.channel import Channel
 from uwserver_adapters.mavlink.wire.codec import seconds
-from uwserver_adapters.mavlink.wire.dialect import Dialect, Message
+from uwserver_adapters.mavlink.wire.dialect import Dialect, MavlinkMessage
 from uwserver_adapters.mavlink.wire.streams import GROUPS, POSITION
 
 HEARTBEAT_S = 1.0
@@ -92,7 +92,7 @@ class ArduSub:
         self._files = Files({"@PARAM/param.pck": lambda options: self.parameters.packed("withdefaults=1" in options)})
         self._verbs = self._dispatch()
 
-    def _dispatch(self) -> Mapping[str, Callable[[Message, Channel, float], None]]:
+    def _dispatch(self) -> Mapping[str, Callable[[MavlinkMessage, Channel, float], None]]:
         config, missions, setpoints = self._config, self.missions, self.setpoints
         return {
             "HEARTBEAT": self._heartbeat,
@@ -128,7 +128,7 @@ class ArduSub:
     def _now(self) -> float:
         return seconds(self.bridge.readings.t_ns)
 
-    def take(self, message: Message, channel: Channel, now: float) -> None:
+    def take(self, message: MavlinkMessage, channel: Channel, now: float) -> None:
         """Take a message that is addressed to us, or to all.
 
         Args:
@@ -140,11 +140,11 @@ class ArduSub:
         if verb is not None:
             verb(message, channel, now)
 
-    def _heartbeat(self, message: Message, _: Channel, __: float) -> None:
+    def _heartbeat(self, message: MavlinkMessage, _: Channel, __: float) -> None:
         if message.system == self.parameters.gcs_system:
             self.failsafes.heard_gcs(self._now)
 
-    def _steered(self, message: Message, use: Callable[[Message, float], None], target: int) -> None:
+    def _steered(self, message: MavlinkMessage, use: Callable[[MavlinkMessage, float], None], target: int) -> None:
         """Use sticks if they come from the station in charge and are for this system. They count as a heartbeat too."""
         if message.system != self.parameters.gcs_system or target != self._config.system:
             self.bridge.counters["not_in_charge"] += 1
@@ -152,13 +152,13 @@ class ArduSub:
         self.failsafes.heard_gcs(self._now)
         use(message, self._now)
 
-    def _param_read(self, message: Message, channel: Channel) -> None:
+    def _param_read(self, message: MavlinkMessage, channel: Channel) -> None:
         index = message.integer("param_index")
         name = self.parameters.at(index) if index >= 0 else message.text("param_id")
         if name in self.parameters.names:
             self.bridge.send("PARAM_VALUE", self.parameters.message(str(name)), channel)
 
-    def _param_set(self, message: Message) -> None:
+    def _param_set(self, message: MavlinkMessage) -> None:
         """Set a parameter and send its value to all. An unknown name gets no answer, as in ArduPilot."""
         name = message.text("param_id")
         if name not in self.parameters.names:
@@ -171,12 +171,12 @@ class ArduSub:
             self.pilot.gain = self.parameters.value(name)
         self.bridge.send("PARAM_VALUE", self.parameters.message(name, is_answer_to_set=True))
 
-    def _file_transfer(self, message_: Message, channel: Channel) -> None:
+    def _file_transfer(self, message_: MavlinkMessage, channel: Channel) -> None:
         request = parse(bytes(int(entry) for entry in message_.array("payload")[:SIZE]))
         answer = self._files.answer(message_.sender, request)
         channel.backlog.append(message(payload, message_.sender) for payload in answer)
 
-    def _data_stream(self, message: Message, channel: Channel) -> None:
+    def _data_stream(self, message: MavlinkMessage, channel: Channel) -> None:
         rate = message.integer("req_message_rate") if message.integer("start_stop") else 0
         group = message.integer("req_stream_id")
         if not channel.streams.set_group(group, rate):
@@ -186,11 +186,11 @@ class ArduSub:
             for fields in self.telemetry.build("HOME_POSITION"):
                 self.bridge.send("HOME_POSITION", fields, channel)
 
-    def _mission_current(self, message: Message) -> None:
+    def _mission_current(self, message: MavlinkMessage) -> None:
         if not self.missions.set_current(message.integer("seq")):
             self.bridge.counters["refused"] += 1
 
-    def _set_origin(self, message: Message) -> None:
+    def _set_origin(self, message: MavlinkMessage) -> None:
         if message.integer("target_system") not in (0, self._config.system):
             return
         if self.bridge.home.set_origin(message.integer("latitude"), message.integer("longitude")):
@@ -199,7 +199,7 @@ class ArduSub:
         else:
             self.bridge.counters["refused"] += 1
 
-    def _timesync(self, message: Message, channel: Channel) -> None:
+    def _timesync(self, message: MavlinkMessage, channel: Channel) -> None:
         if message.integer("tc1") == 0:
             # A tc1 of 0 would make the answer another question.
             answer = {"tc1": max(1, self.bridge.readings.t_ns), "ts1": message.integer("ts1")}

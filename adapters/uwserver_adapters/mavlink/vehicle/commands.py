@@ -19,7 +19,7 @@ from uwserver_adapters.mavlink.vehicle.setpoints import GLOBAL_FRAMES, RELATIVE_
 from uwserver_adapters.mavlink.vehicle.telemetry import Telemetry
 from uwserver_adapters.mavlink.wire.channel import Channel
 from uwserver_adapters.mavlink.wire.codec import from_degrees, pulse, seconds
-from uwserver_adapters.mavlink.wire.dialect import Entry, Fields, Message, addressed_to
+from uwserver_adapters.mavlink.wire.dialect import Entry, Fields, MavlinkMessage, addressed_to
 
 Result = Literal["ACCEPTED", "DENIED", "UNSUPPORTED", "FAILED", "IN_PROGRESS"]
 """A MAV_RESULT without its prefix."""
@@ -117,7 +117,7 @@ class Commands:
             "MAV_CMD_DO_SEND_BANNER": self._banner,
         }
 
-    def take(self, message: Message, channel: Channel) -> None:
+    def take(self, message: MavlinkMessage, channel: Channel) -> None:
         """Carry out a COMMAND_LONG or COMMAND_INT. The acknowledgement goes to its sender, now or when the world has answered."""
         is_int = message.name == "COMMAND_INT"
         names = (
@@ -191,7 +191,7 @@ class Commands:
         mode = BY_ENTRY.get(self._bridge.dialect.name("SUB_MODE", request.integer(2)))
         return self._fail(f"Mode {request.integer(2)} is not supported") if mode is None else self._enter(mode, request)
 
-    def mode_message(self, message: Message, channel: Channel) -> None:
+    def mode_message(self, message: MavlinkMessage, channel: Channel) -> None:
         """Carry out SET_MODE. It is acknowledged as a command with its own message number."""
         values = (math.nan, message.number("base_mode"), message.number("custom_mode"), *(0.0,) * 5)
         command = Entry(self._bridge.dialect.by_name["SET_MODE"].id, "")

@@ -13,7 +13,7 @@ from uwserver.ports import Json
 from uwserver_adapters.mavlink.vehicle.home import Home
 from uwserver_adapters.mavlink.vehicle.setpoints import GLOBAL_FRAMES, LOCAL_NED
 from uwserver_adapters.mavlink.wire.codec import degrees_e7, finite, vec3
-from uwserver_adapters.mavlink.wire.dialect import Entry, Message
+from uwserver_adapters.mavlink.wire.dialect import Entry, MavlinkMessage
 
 Result = Literal[
     "ACCEPTED", "ERROR", "DENIED", "UNSUPPORTED", "UNSUPPORTED_FRAME", "NO_SPACE", "OPERATION_CANCELLED", "INVALID", "INVALID_SEQUENCE",
@@ -75,7 +75,7 @@ class BadItem(Exception):
         self.result: Result = result
 
 
-def item_of(message: Message) -> Item:
+def item_of(message: MavlinkMessage) -> Item:
     """Return the item of a MISSION_ITEM_INT, or of the older MISSION_ITEM with degrees as floats.
 
     Raises:

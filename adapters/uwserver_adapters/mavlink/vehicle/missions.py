@@ -26,7 +26,7 @@ from uwserver_adapters.mavlink.vehicle.mission_items import (
 from uwserver_adapters.mavlink.vehicle.modes import GUIDED
 from uwserver_adapters.mavlink.vehicle.setpoints import LOCAL_NED
 from uwserver_adapters.mavlink.wire.channel import Channel
-from uwserver_adapters.mavlink.wire.dialect import Fields, Message, Value, addressed_to
+from uwserver_adapters.mavlink.wire.dialect import Fields, MavlinkMessage, Value, addressed_to
 
 ASK_AGAIN_S, GIVE_UP_S = 1.0, 8.0
 """Wall time after which a missing item is requested again, and after which an upload is given up."""
@@ -50,7 +50,7 @@ class Upload(Struct):
         numbers: the uploaded numbers of the translated items.
     """
 
-    request: Message
+    request: MavlinkMessage
     channel: Channel
     count: int
     asked_at: float
@@ -118,7 +118,7 @@ class Missions:
 
     # -- upload -----------------------------------------------------------------------------------------------------------------------
 
-    def begin_upload(self, message: Message, channel: Channel, now: float) -> None:
+    def begin_upload(self, message: MavlinkMessage, channel: Channel, now: float) -> None:
         """Take MISSION_COUNT: a ground station wants to upload."""
         kind, count = message.entry("mission_type").name, message.integer("count")
         if self._upload is not None and self._upload.request.sender != message.sender:
@@ -135,7 +135,7 @@ class Missions:
             self._upload = Upload(message, channel, count, now, now)
             self._ask(self._upload, now)
 
-    def take(self, message: Message, channel: Channel, now: float) -> None:
+    def take(self, message: MavlinkMessage, channel: Channel, now: float) -> None:
         """Take one item: MISSION_ITEM_INT or MISSION_ITEM."""
         if message.integer("current") in (GO_TO_PLACE, GO_TO_HEIGHT):
             self._go(message, channel)
@@ -167,7 +167,7 @@ class Missions:
         else:
             self._complete(upload)
 
-    def _go(self, message: Message, channel: Channel) -> None:
+    def _go(self, message: MavlinkMessage, channel: Channel) -> None:
         """Go to a place at once, in GUIDED, or stay there and change the height. This is ArduPilot's own way, which QGroundControl uses."""
         bridge = self._bridge
         state = bridge.readings.state()
@@ -224,7 +224,7 @@ class Missions:
             self._upload = None
         self._acknowledge(upload.request, upload.channel, result)
 
-    def _acknowledge(self, message: Message, channel: Channel, result: Result, kind: Value | None = None) -> None:
+    def _acknowledge(self, message: MavlinkMessage, channel: Channel, result: Result, kind: Value | None = None) -> None:
         """Send MISSION_ACK to the sender of a message, for the mission type of that message unless another is given."""
         kind = message.integer("mission_type") if kind is None else kind
         fields: Fields = {**addressed_to(message.sender), "type": f"MAV_MISSION_{result}", "mission_type": kind}
@@ -232,7 +232,7 @@ class Missions:
 
     # -- download and the rest --------------------------------------------------------------------------------------------------------
 
-    def tell_count(self, message: Message, channel: Channel) -> None:
+    def tell_count(self, message: MavlinkMessage, channel: Channel) -> None:
         """Answer MISSION_REQUEST_LIST: a ground station wants to download."""
         is_mission = message.entry("mission_type").name == MISSION
 
@@ -262,7 +262,7 @@ class Missions:
             item = self._items[seq] = untranslated(seq, item, self._bridge.home, self._bridge.dialect.entry)
         return item
 
-    def tell_item(self, message: Message, channel: Channel) -> None:
+    def tell_item(self, message: MavlinkMessage, channel: Channel) -> None:
         """Answer MISSION_REQUEST_INT, or the older MISSION_REQUEST with a place in floats: send one item."""
         seq = message.integer("seq")
         if message.entry("mission_type").name != MISSION or seq >= len(self._items):
@@ -280,7 +280,7 @@ class Missions:
         fields |= {"x": fields["x"] * scale, "y": fields["y"] * scale}
         self._bridge.send("MISSION_ITEM", fields, channel)
 
-    def clear(self, message: Message, channel: Channel) -> None:
+    def clear(self, message: MavlinkMessage, channel: Channel) -> None:
         """Take MISSION_CLEAR_ALL, or the upload of an empty mission."""
 
         def done(reason: str) -> None:

@@ -11,7 +11,7 @@ from uwserver.frames import Quat, Vec3, conjugate, quat_from_rpy, rotate
 from uwserver_adapters.mavlink.vehicle.autopilot import command
 from uwserver_adapters.mavlink.vehicle.home import Home
 from uwserver_adapters.mavlink.wire.codec import deflection, vector
-from uwserver_adapters.mavlink.wire.dialect import Message
+from uwserver_adapters.mavlink.wire.dialect import MavlinkMessage
 
 LOCAL_NED, BODY_FRD = 1, 12
 """The values of MAV_FRAME for world and body that an ODOMETRY may use. Velocities may be in either."""
@@ -46,7 +46,7 @@ class OtherSystems:
         self._attitudes: dict[int, tuple[Quat, Vec3]] = {}
         self._odometry_at: dict[int, float] = {}
 
-    def take(self, message: Message, now: float) -> None:
+    def take(self, message: MavlinkMessage, now: float) -> None:
         """Take a message of any system. `now` is the time of a clock that never jumps, s."""
         system = message.system
         if system not in self._names:
@@ -75,7 +75,7 @@ class OtherSystems:
             u = (*outputs[:count], *[0.0] * (count - len(outputs)))
             command(self._peers[system], port.path, {"u": u}, self._answered)
 
-    def _global(self, message: Message) -> dict[str, object] | None:
+    def _global(self, message: MavlinkMessage) -> dict[str, object] | None:
         """Return the pose of a GLOBAL_POSITION_INT, or None where N has no place on the Earth yet or there is no such place."""
         number = message.number
         place = self._home.point(number("lat"), number("lon"), number("alt") / 1e3, is_relative=False)
@@ -103,7 +103,7 @@ class OtherSystems:
             self._context.stats.count_error(reason)
 
 
-def _odometry(message: Message) -> dict[str, object] | None:
+def _odometry(message: MavlinkMessage) -> dict[str, object] | None:
     """Return the pose of an ODOMETRY in LOCAL_NED, or None for another frame, or without position or attitude."""
     p, q, v, w = (
         message.vec3("x", "y", "z"),
@@ -125,7 +125,7 @@ def _output(pulse_us: float) -> float:
     return deflection(pulse_us) if math.isfinite(pulse_us) and pulse_us not in NO_PULSE else 0.0
 
 
-def _attitude(message: Message) -> Quat | None:
+def _attitude(message: MavlinkMessage) -> Quat | None:
     """Return the attitude of an ATTITUDE or ATTITUDE_QUATERNION."""
     if message.name == "ATTITUDE_QUATERNION":
         return _quaternion(tuple(message.number(name) for name in ("q1", "q2", "q3", "q4")))
@@ -143,5 +143,5 @@ def _quaternion(row: tuple[float, ...]) -> Quat | None:
     return w / norm, x / norm, y / norm, z / norm
 
 
-def _rates(message: Message) -> Vec3 | None:
+def _rates(message: MavlinkMessage) -> Vec3 | None:
     return message.vec3("rollspeed", "pitchspeed", "yawspeed")

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from uwserver_adapters.mavlink.vehicle.parameters import Parameters
 from uwserver_adapters.mavlink.wire.codec import NEUTRAL_US, SPAN_US, deflection
-from uwserver_adapters.mavlink.wire.dialect import Message
+from uwserver_adapters.mavlink.wire.dialect import MavlinkMessage
 
 CHANNELS = 18
 PITCH, ROLL, HEAVE, YAW, SURGE, SWAY = range(6)
@@ -70,7 +70,7 @@ class Pilot:
         # Adding zero turns -0.0 into 0.0.
         return (us[SURGE], us[SWAY], -us[HEAVE] + 0.0, us[ROLL], us[PITCH], us[YAW])
 
-    def steer(self, message: Message, now: float) -> None:
+    def steer(self, message: MavlinkMessage, now: float) -> None:
         """Take MANUAL_CONTROL: x, y and r are -1000 to 1000; z is 0 to 1000, with 500 for no heave; s and t are pitch and roll if enabled."""
         self._hear(now)
         sticks = {axis: message.integer(axis) for axis in "xyzr"}
@@ -95,7 +95,7 @@ class Pilot:
         self._sticks_at = now
         self._send(now)
 
-    def override(self, message: Message, now: float) -> None:
+    def override(self, message: MavlinkMessage, now: float) -> None:
         """Take RC_CHANNELS_OVERRIDE: 65535 leaves a channel as it is, and 0 (from the ninth channel on 65534) releases it."""
         self._hear(now)
         for channel in range(CHANNELS):

@@ -8,7 +8,7 @@ from uwserver.frames import Vec3, quat_from_rpy, rpy_from_quat
 from uwserver_adapters.mavlink.vehicle.bridge import WARNING, Bridge
 from uwserver_adapters.mavlink.vehicle.modes import ALT_HOLD, shown
 from uwserver_adapters.mavlink.wire.codec import turned, vec3, vector
-from uwserver_adapters.mavlink.wire.dialect import Message
+from uwserver_adapters.mavlink.wire.dialect import MavlinkMessage
 
 NO_POSITION, NO_VELOCITY, NO_ACCELERATION, NO_YAW, NO_YAW_RATE = 0x7, 0x38, 0x1C0, 0x400, 0x800
 """Bits of the type mask that exclude a part. Bit 0x200 (acceleration means force) is ignored: ground stations set it without an acceleration."""
@@ -36,7 +36,7 @@ class SetPoints:
         self._bridge = bridge
         self._told = ""
 
-    def local(self, message: Message) -> None:
+    def local(self, message: MavlinkMessage) -> None:
         """Follow SET_POSITION_TARGET_LOCAL_NED, in GUIDED."""
         frame, mask = message.entry("coordinate_frame").name, message.integer("type_mask")
         state = self._bridge.readings.state()
@@ -52,7 +52,7 @@ class SetPoints:
             p = (state.p_N[0] + p[0], state.p_N[1] + p[1], state.p_N[2] + p[2])
         return self._follow(message, mask, p, v, yaw if frame in _TURNED else 0.0)
 
-    def geodetic(self, message: Message) -> None:
+    def geodetic(self, message: MavlinkMessage) -> None:
         """Follow SET_POSITION_TARGET_GLOBAL_INT, in GUIDED. In ALT_HOLD its altitude is the depth to hold."""
         frame, mask = message.entry("coordinate_frame").name, message.integer("type_mask")
         home, state = self._bridge.home, self._bridge.readings.state()
@@ -71,7 +71,7 @@ class SetPoints:
             p = home.point(message.integer("lat_int"), message.integer("lon_int"), altitude, GLOBAL_FRAMES[frame])
         return self._follow(message, mask, p, message.vec3("vx", "vy", "vz"), 0.0)
 
-    def _follow(self, message: Message, mask: int, p: Vec3 | None, v: Vec3 | None, yaw_from: float) -> None:
+    def _follow(self, message: MavlinkMessage, mask: int, p: Vec3 | None, v: Vec3 | None, yaw_from: float) -> None:
         if not shown(self._bridge.readings.state().mode).is_guided:
             return self._refuse("set points are followed in GUIDED only")
         if not mask & NO_ACCELERATION:
@@ -97,7 +97,7 @@ class SetPoints:
             return command("heading", value, self._tell)
         return self._refuse("set point: it means neither position nor velocity nor yaw")
 
-    def attitude(self, message: Message) -> None:
+    def attitude(self, message: MavlinkMessage) -> None:
         """Follow SET_ATTITUDE_TARGET, in GUIDED. Thrust 0.5 holds the depth and more climbs. A rate without an attitude turns the vehicle."""
         mask = message.integer("type_mask")
         if not shown(self._bridge.readings.state().mode).is_guided:

@@ -8,7 +8,7 @@ from uwserver.adapter import AdapterContext, Conversation
 from uwserver.ports import Buffer, Port, Sample
 from uwserver_adapters.mavlink.vehicle.autopilot import command
 from uwserver_adapters.mavlink.vehicle.bridge import WARNING, Bridge
-from uwserver_adapters.mavlink.wire.dialect import Fields, Message
+from uwserver_adapters.mavlink.wire.dialect import Fields, MavlinkMessage
 
 ADDRESSED = 32_768
 """Payload types from this one on are free for any use. This number plus an address is for that modem, or from it. Type 0 is for all modems."""
@@ -42,7 +42,7 @@ class Tunnel:
         """The port of received data; none without a modem."""
         return () if self._received is None else (self._received.path,)
 
-    def take(self, message: Message) -> None:
+    def take(self, message: MavlinkMessage) -> None:
         """Send the payload of a TUNNEL through the water. A refusal is counted, and sent as STATUSTEXT."""
         if self._received is None:
             self._bridge.counters["tunnel_without_modem"] += 1

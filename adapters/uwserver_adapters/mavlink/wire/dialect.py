@@ -49,7 +49,7 @@ class Entry(Struct, frozen=True):
     name: str
 
 
-class Message(Struct, frozen=True):
+class MavlinkMessage(Struct, frozen=True):
     """A message that was received.
 
     Attributes:
@@ -178,7 +178,7 @@ class Layout:
                 row.append(_limited(value, part))
         return self._struct.pack(*row).rstrip(b"\0") or b"\0"
 
-    def decode(self, payload: bytes, system: int, component: int) -> Message:
+    def decode(self, payload: bytes, system: int, component: int) -> MavlinkMessage:
         """Decode a payload of any length. Missing bytes are zero; surplus bytes belong to a newer definition and are ignored."""
         size = self._struct.size
         row = self._struct.unpack(payload[:size].ljust(size, b"\0"))
@@ -191,7 +191,7 @@ class Layout:
                 fields[part.name] = items[0].split(b"\0", 1)[0]
             else:
                 fields[part.name] = items if part.count else items[0]
-        return Message(self.name, fields, system, component, self._enums)
+        return MavlinkMessage(self.name, fields, system, component, self._enums)
 
 
 def addressed_to(peer: tuple[int, int]) -> dict[str, int]:

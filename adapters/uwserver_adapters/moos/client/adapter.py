@@ -14,7 +14,7 @@ from uwserver_adapters.moos.bridge.bridge import Bridge, Pairs
 from uwserver_adapters.moos.client.link import Link, LinkLost
 from uwserver_adapters.moos.clock import MoosClock, warp_of
 from uwserver_adapters.moos.config import CommunityTable, MoosConfig
-from uwserver_adapters.moos.wire import Message
+from uwserver_adapters.moos.wire import MoosMessage
 
 log = logging.getLogger(__name__)
 
@@ -89,7 +89,7 @@ class Community:
         if self.link is not None:
             self.link.register(names)
 
-    def _take(self, link: Link, messages: Sequence[Message]) -> None:
+    def _take(self, link: Link, messages: Sequence[MoosMessage]) -> None:
         own = self._table.client
         mail = [(m.key, m.value, m.src, m.time) for m in messages if m.src != own]
         self._log(mail)

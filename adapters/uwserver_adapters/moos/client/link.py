@@ -11,7 +11,7 @@ from typing import cast
 from uwserver.adapter import InputTurns
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.clock import MoosClock
-from uwserver_adapters.moos.wire import Malformed, Message, Packet, Skipped
+from uwserver_adapters.moos.wire import Malformed, MoosMessage, Packet, Skipped
 
 log = logging.getLogger(__name__)
 
@@ -41,7 +41,7 @@ class Link(asyncio.Protocol):
         kinds: name -> type of the variables that the database had when we asked.
     """
 
-    def __init__(self, name: str, clock: MoosClock, take: Callable[[Sequence[Message]], None]) -> None:
+    def __init__(self, name: str, clock: MoosClock, take: Callable[[Sequence[MoosMessage]], None]) -> None:
         self.is_joined = False
         self.joined_at = 0.0
         self.community = ""
@@ -67,7 +67,7 @@ class Link(asyncio.Protocol):
         self._transport = cast(asyncio.Transport, transport)
         self._turns = InputTurns(self._step, self._transport.pause_reading, self._read_on)
         self._greeted = self._clock.now()
-        name = Message(wire.DATA, wire.ASYNCHRONOUS, data=self._name.encode(), kind=wire.STRING, time=self._greeted)
+        name = MoosMessage(wire.DATA, wire.ASYNCHRONOUS, data=self._name.encode(), kind=wire.STRING, time=self._greeted)
         self._transport.write(wire.HELLO + wire.packet([wire.encode(name)]))
 
     def data_received(self, data: bytes) -> None:
@@ -110,8 +110,8 @@ class Link(asyncio.Protocol):
 
     # -- in -------------------------------------------------------------------------------------------------------------------------
 
-    def _welcome(self, messages: Sequence[Message]) -> None:
-        first = messages[0] if messages else Message(wire.NULL, "")
+    def _welcome(self, messages: Sequence[MoosMessage]) -> None:
+        first = messages[0] if messages else MoosMessage(wire.NULL, "")
         if first.type != wire.WELCOME:
             refusal = f"the MOOSDB refuses us: {wire.readable(first.text)}"
             other = "the peer is no MOOSDB of version 10: it does not welcome us"
@@ -125,7 +125,7 @@ class Link(asyncio.Protocol):
         if not self.joined.done():
             self.joined.set_result(None)
 
-    def _packet(self, messages: Sequence[Message]) -> None:
+    def _packet(self, messages: Sequence[MoosMessage]) -> None:
         mail = []
         for message in messages:
             if message.type == wire.NOTIFY:
@@ -154,7 +154,7 @@ class Link(asyncio.Protocol):
         """
         while True:
             attend()
-            self._write(Message(wire.TIMING, wire.TIMING_KEY, 0.0, time=self._clock.now()))
+            self._write(MoosMessage(wire.TIMING, wire.TIMING_KEY, 0.0, time=self._clock.now()))
             await asyncio.wait([self._lost], timeout=BEAT_S)
             if self._lost.done():
                 self._lost.result()
@@ -166,12 +166,12 @@ class Link(asyncio.Protocol):
         now = self._clock.now()
         if names:
             self._write(
-                *[Message(wire.REGISTER, name, 0.0, src=self._name, time=now, id=self._next_id()) for name in names]
+                *[MoosMessage(wire.REGISTER, name, 0.0, src=self._name, time=now, id=self._next_id()) for name in names]
             )
 
     def ask_kinds(self) -> None:
         """Ask for the types of all variables: a MOOSDB drops writes of another type without telling the writer."""
-        self._write(Message(wire.SERVER_REQUEST, "ALL", time=self._clock.now(), id=wire.SERVER_REQUEST_ID))
+        self._write(MoosMessage(wire.SERVER_REQUEST, "ALL", time=self._clock.now(), id=wire.SERVER_REQUEST_ID))
 
     def notify(self, pairs: Sequence[tuple[str, float | str]]) -> int:
         """Write variables together.
@@ -184,7 +184,7 @@ class Link(asyncio.Protocol):
         now = self._clock.now()
         return self._write(*[wire.notify(name, value, now, self._name, self._next_id()) for name, value in pairs])
 
-    def _write(self, *messages: Message) -> int:
+    def _write(self, *messages: MoosMessage) -> int:
         """Send messages as one packet. Returns its size, bytes."""
         data = wire.packet([wire.encode(message) for message in messages])
         self._transport.write(data)

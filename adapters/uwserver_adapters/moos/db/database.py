@@ -11,7 +11,7 @@ from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.bridge.quota import FAULTS_PER_S, Quota
 from uwserver_adapters.moos.db.patterns import fits, work
 from uwserver_adapters.moos.db.variable import Client, Letter, Subscription, Variable
-from uwserver_adapters.moos.wire import Message
+from uwserver_adapters.moos.wire import MoosMessage
 
 NAME_LIMIT = 256
 """Longest name of a variable, characters."""
@@ -62,7 +62,7 @@ class Database:
         self.name = f"MOOSDB_{community}"
         self.refused = 0
         self.spent = 0
-        self.log: Callable[[Message], None] = lambda message: None
+        self.log: Callable[[MoosMessage], None] = lambda message: None
         self.variables: dict[str, Variable] = {}
         self._now = now
         self._steady = now if steady is None else steady
@@ -107,7 +107,7 @@ class Database:
         """Take a heartbeat of a client, sent at a MOOS time of its clock."""
         self._clients[name].latency.add((self._now() - sent) * 1e3)
 
-    def steps(self, name: str, message: Message) -> Iterator[None]:
+    def steps(self, name: str, message: MoosMessage) -> Iterator[None]:
         """Carry out a message of a client. Others may have their turn at each step.
 
         What is not taken is told in DB_REFUSED. Unknown types are ignored, as a MOOSDB does.
@@ -212,7 +212,7 @@ class Database:
         """Write a variable of the database itself."""
         self.write(wire.notify(key, value, self._now(), self.name))
 
-    def write(self, message: Message) -> str:
+    def write(self, message: MoosMessage) -> str:
         """Keep a value and deliver it. The first write of a variable fixes its type.
 
         Returns:
@@ -302,10 +302,10 @@ class Database:
     def _quality(self) -> str:
         return "".join(f"{name}={client.latency}," for name, client in self._clients.items() if client.latency)
 
-    def _answer(self, name: str, request: Message) -> Iterator[None]:
+    def _answer(self, name: str, request: MoosMessage) -> Iterator[None]:
         """Answer what a client asks of the database itself. Others may have their turn at each step."""
         client = self._clients[name]
-        replies: Iterable[Message] = ()
+        replies: Iterable[MoosMessage] = ()
         if request.key == "ALL":
             replies = (self._listed(key, self.variables[key]) for key in list(self.variables))
         elif "PROC_SUMMARY" in request.key:
@@ -321,7 +321,7 @@ class Database:
             if self.is_turn_over():
                 yield
 
-    def _clients_summary(self) -> Iterator[Message]:
+    def _clients_summary(self) -> Iterator[MoosMessage]:
         for who, client in list(self._clients.items()):
             hears, writes = _parts(client.hears, LISTED), _parts(client.writes, LISTED)
             for heard, written in zip_longest(hears, writes, fillvalue=()):
@@ -339,13 +339,13 @@ class Database:
             self._kept -= variable.size
             self.variables[key] = Variable(last=variable.last, subscribers=variable.subscribers)
 
-    def _listed(self, key: str, variable: Variable) -> Message:
+    def _listed(self, key: str, variable: Variable) -> MoosMessage:
         if variable.letter is None:
-            return Message(wire.NOTIFY, key, 0.0, kind="~", time=-1.0, id=wire.SERVER_REQUEST_ID)
+            return MoosMessage(wire.NOTIFY, key, 0.0, kind="~", time=-1.0, id=wire.SERVER_REQUEST_ID)
         said, since = variable.letter.message, variable.written - self._start
         return replace(said, time=since, number2=variable.frequency, id=wire.SERVER_REQUEST_ID)
 
-    def _reply(self, key: str, text: str) -> Message:
+    def _reply(self, key: str, text: str) -> MoosMessage:
         return wire.notify(key, text, self._now() - self._start, self.name, wire.SERVER_REQUEST_ID)
 
 

@@ -14,7 +14,7 @@ from uwserver_adapters.moos.clock import DatabaseClock, warp_of
 from uwserver_adapters.moos.config import MoosDbConfig
 from uwserver_adapters.moos.db.database import PIECE, Database
 from uwserver_adapters.moos.db.variable import Letter
-from uwserver_adapters.moos.wire import Malformed, Message, Packet
+from uwserver_adapters.moos.wire import Malformed, MoosMessage, Packet
 
 log = logging.getLogger(__name__)
 
@@ -170,9 +170,9 @@ class Guest(Connection):
 
     # -- in -------------------------------------------------------------------------------------------------------------------------
 
-    def _greet(self, messages: tuple[Message, ...]) -> None:
+    def _greet(self, messages: tuple[MoosMessage, ...]) -> None:
         community = self._community
-        first = messages[0] if messages else Message(wire.NULL, "")
+        first = messages[0] if messages else MoosMessage(wire.NULL, "")
         name = first.text if len(first.data) <= wire.NAMES_LIMIT else ""
         if first.type != wire.DATA or not 0 < len(name) <= CLIENT_NAME_LIMIT:
             self._send_away(f"say your name, 1 to {CLIENT_NAME_LIMIT} characters, in the first message")
@@ -184,7 +184,7 @@ class Guest(Connection):
             return
         self._is_asynchronous = first.key == wire.ASYNCHRONOUS
         now = community.clock.now()
-        welcome = Message(
+        welcome = MoosMessage(
             wire.WELCOME, "", now - first.time, wire.ASYNCHRONOUS.encode(), src_aux=f"hostname={socket.gethostname()}",
             community=community.config.community, time=now,
         )  # fmt: skip
@@ -192,13 +192,13 @@ class Guest(Connection):
         self.name = name
         community.joined(self)
 
-    def _packet(self, messages: tuple[Message, ...]) -> Iterator[None]:
+    def _packet(self, messages: tuple[MoosMessage, ...]) -> Iterator[None]:
         community = self._community
         if messages and messages[0].type == wire.TIMING:
             first = messages[0]
             community.database.beat(self.name, first.time)
             if self._is_asynchronous:
-                echo = Message(
+                echo = MoosMessage(
                     wire.TIMING, first.key, community.clock.now(), src=first.src, time=first.time, number2=0.0
                 )
                 self._send(wire.packet([wire.encode(echo)]), 1)
@@ -248,7 +248,7 @@ class Guest(Connection):
 
     def _answer(self) -> None:
         """Send the one packet that a synchronous client gets for each of its own."""
-        null = wire.encode(Message(wire.NULL, "", self._community.clock.now()))
+        null = wire.encode(MoosMessage(wire.NULL, "", self._community.clock.now()))
         mail, self._mail, self._held = self._mail, [], 0
         self._send(wire.packet([null, *(letter.data for letter in mail)]), 1 + len(mail))
 
@@ -281,7 +281,7 @@ class Guest(Connection):
         """Return the packet that ends a connection."""
         self._stats.count_error(wire.readable(reason))
         data = reason.encode("utf-8", "surrogateescape")
-        poison = Message(wire.POISON, "", data=data, kind=wire.STRING, time=self._community.clock.now())
+        poison = MoosMessage(wire.POISON, "", data=data, kind=wire.STRING, time=self._community.clock.now())
         return wire.packet([wire.encode(poison)])
 
     def _send_away(self, reason: str) -> None:

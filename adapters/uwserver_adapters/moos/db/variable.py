@@ -8,7 +8,7 @@ from functools import cached_property
 
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.clock import Latency
-from uwserver_adapters.moos.wire import Message
+from uwserver_adapters.moos.wire import MoosMessage
 
 
 class Letter:
@@ -19,7 +19,7 @@ class Letter:
         line: the same as a line of text; "" until the first client that reads lines makes it.
     """
 
-    def __init__(self, message: Message) -> None:
+    def __init__(self, message: MoosMessage) -> None:
         self.message = message
         self.line = ""
 

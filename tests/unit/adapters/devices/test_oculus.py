@@ -15,7 +15,7 @@ from devices_rig import ATTITUDE, MULTIBEAM, ask, make_context, sample
 from uwserver_adapters.devices import DevicesAdapter
 from uwserver_adapters.devices.device import Report
 from uwserver_adapters.devices.oculus import Oculus, OculusTable
-from uwserver_adapters.devices.oculus_messages import Fire, Message, encode
+from uwserver_adapters.devices.oculus_messages import Fire, OculusMessage, encode
 
 from uwserver.adapter import CannotServe
 from uwserver.ports import Buffer, Fault, Field, Port, Sample
@@ -39,7 +39,7 @@ def make() -> tuple[Oculus, FakeContext]:
 
 def fire(**values: Any) -> bytes:
     asked = Fire(**values)
-    return encode(Message(0x15, asked.payload(), asked.version))
+    return encode(OculusMessage(0x15, asked.payload(), asked.version))
 
 
 def pictures(said: Any) -> list[bytes]:
@@ -115,7 +115,7 @@ def test_pings_come_no_faster_than_asked_for_and_not_in_standby():
 @pytest.mark.parametrize(
     "data",
     [fire(mode=0), fire(ping_rate=9), fire(reach=0.0), fire(reach=math.nan), fire(gain=101.0), fire(gain=math.inf), fire(sound_speed=1.0),
-     fire(salinity=-1.0), encode(Message(0x15, b"\x01")), encode(Message(0x55, bytes(12)))],
+     fire(salinity=-1.0), encode(OculusMessage(0x15, b"\x01")), encode(OculusMessage(0x55, bytes(12)))],
 )  # fmt: skip
 def test_what_cannot_be_done_is_counted_and_changes_nothing(data: bytes):
     device, context = make()

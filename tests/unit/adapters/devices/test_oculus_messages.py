@@ -8,8 +8,8 @@ import pytest
 from uwserver_adapters.devices.device import Garbage
 from uwserver_adapters.devices.oculus_messages import (
     Fire,
-    Message,
-    MessageReader,
+    OculusMessage,
+    OculusReader,
     Ping,
     encode,
     fire_of,
@@ -26,8 +26,8 @@ FIRE = bytes.fromhex(
 )
 DUMMY = bytes.fromhex("534f 0000 0000 ff00 0000 00000000 0000")
 CASES = [
-    CodecCase("fire", FIRE, (Message(0x15, FIRE[16:]),), lambda _: encode(Message(0x15, Fire(2, 0, 255, 127, 0x0D, 2.54, 50.0).payload()))),
-    CodecCase("dummy", DUMMY, (Message(0xFF),), lambda _: encode(Message(0xFF))),
+    CodecCase("fire", FIRE, (OculusMessage(0x15, FIRE[16:]),), lambda _: encode(OculusMessage(0x15, Fire(2, 0, 255, 127, 0x0D, 2.54, 50.0).payload()))),
+    CodecCase("dummy", DUMMY, (OculusMessage(0xFF),), lambda _: encode(OculusMessage(0xFF))),
 ]  # fmt: skip
 GARBAGE = (b"hello", b"S", b"SO" * 3, DUMMY[:-1], b"SO" + b"\xff" * 40, b"\xff" * 300)
 PING = Ping(7, 2.1e6, 1490.0, 2_500_000_000, 0.01, (-3000, 0, 3000), (1.0, 2.0, 3.0))
@@ -35,22 +35,22 @@ PICTURE = bytes(range(12))
 
 
 def test_bytes_both_ways():
-    check_codec(MessageReader, CASES, need_data=None, garbage=GARBAGE)
+    check_codec(OculusReader, CASES, need_data=None, garbage=GARBAGE)
 
 
 @pytest.mark.parametrize("junk", [b"hello", b"SO" + b"\xff" * 40, b"\xff" * 300])
 def test_after_garbage_the_next_message_is_read_and_the_garbage_told(junk: bytes):
-    events = read_all(MessageReader(), [junk, DUMMY], None)
-    assert events[-1] == Message(0xFF)
+    events = read_all(OculusReader(), [junk, DUMMY], None)
+    assert events[-1] == OculusMessage(0xFF)
     assert any(isinstance(event, Garbage) for event in events)
 
 
 def test_a_fire_message_of_either_version_comes_and_goes():
-    fire = fire_of(Message(0x15, FIRE[16:]))
+    fire = fire_of(OculusMessage(0x15, FIRE[16:]))
     assert fire == Fire(2, 0, 255, 127, 0x0D, 2.54, 50.0)
     extended = Fire(1, 5, extended=tuple(range(9)), version=2)
-    assert fire_of(Message(0x15, extended.payload(), 2)) == extended
-    assert fire_of(Message(0x15, FIRE[17:])) is None
+    assert fire_of(OculusMessage(0x15, extended.payload(), 2)) == extended
+    assert fire_of(OculusMessage(0x15, FIRE[17:])) is None
 
 
 def test_a_result_is_laid_out_as_a_recorded_one():

@@ -12,7 +12,7 @@ from adapter_rig import serving
 from devices_rig import ATTITUDE, DEPTH, USBL, ask, make_context, sample
 from uwserver_adapters.devices import DevicesAdapter
 from uwserver_adapters.devices.seatrac import SeaTrac, SeaTracBeacon, SeaTracTable
-from uwserver_adapters.devices.seatrac_messages import Message, crc16, encode
+from uwserver_adapters.devices.seatrac_messages import SeaTracMessage, crc16, encode
 
 BEACONS = {"pole": SeaTracBeacon(id=1), "fish": SeaTracBeacon(id=2, depth="rov/depth", attitude="rov/attitude")}
 TABLE = SeaTracTable(usbl="rov/usbl", beacons=BEACONS, attitude="rov/attitude", depth="rov/depth", tcp_port=0)
@@ -20,19 +20,19 @@ EAST = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
 
 
 def command(number: int, payload: bytes = b"") -> bytes:
-    return encode(Message(number, payload), b"#")
+    return encode(SeaTracMessage(number, payload), b"#")
 
 
-def read(line: bytes) -> Message:
+def read(line: bytes) -> SeaTracMessage:
     """A message of the beacon, as a driver reads it."""
     assert line[:1] == b"$"
     assert line.endswith(b"\r\n")
     body = bytes.fromhex(line[1:].decode())
     assert crc16(body[:-2]) == int.from_bytes(body[-2:], "little")
-    return Message(body[0], body[1:-2])
+    return SeaTracMessage(body[0], body[1:-2])
 
 
-def answers(device: SeaTrac, data: bytes) -> list[Message]:
+def answers(device: SeaTrac, data: bytes) -> list[SeaTracMessage]:
     replies, bad = ask(device, data)
     assert bad == []
     return [read(reply) for reply in replies]
@@ -52,7 +52,7 @@ def make() -> SeaTrac:
 def test_a_ping_is_answered_by_the_fix_of_its_beacon_and_no_other():
     device = make()
     replies, _ = ask(device, command(0x40, b"\x01\x04"))
-    assert [read(reply) for reply in replies] == [Message(0x40, b"\x00\x01")]
+    assert [read(reply) for reply in replies] == [SeaTracMessage(0x40, b"\x00\x01")]
     device.see(fixed("fish"))
     assert len(replies) == 1
     device.see(fixed("pole"))
@@ -83,30 +83,30 @@ def test_no_answer_is_told(request_: bytes, error: int):
     beacon = "pole" if request_[0] == 1 else "fish"
     replies, _ = ask(device, command(0x40 if error == 0x43 else 0x50, request_))
     device.see(sample(USBL, (beacon, None, None, None, (None,) * 3, None), 1.0, valid=False))
-    assert read(replies[1]) == Message(error, bytes((0x34, request_[0])))
+    assert read(replies[1]) == SeaTracMessage(error, bytes((0x34, request_[0])))
 
 
 def test_a_beacon_that_is_not_there_does_not_answer():
     device = make()
     replies, _ = ask(device, command(0x40, b"\x09\x04"))
     device.see(fixed("fish"))
-    assert read(replies[1]) == Message(0x43, b"\x34\x09")
+    assert read(replies[1]) == SeaTracMessage(0x43, b"\x34\x09")
 
 
 def test_one_request_at_a_time_and_a_reset_ends_it():
     device = make()
     first, _ = ask(device, command(0x40, b"\x01\x04"))
-    assert answers(device, command(0x3A)) == [Message(0x3A, b"\x3d")]
-    assert answers(device, command(0x40, b"\x02\x04")) == [Message(0x40, b"\x30\x02")]
+    assert answers(device, command(0x3A)) == [SeaTracMessage(0x3A, b"\x3d")]
+    assert answers(device, command(0x40, b"\x02\x04")) == [SeaTracMessage(0x40, b"\x30\x02")]
     device.reset()
-    assert read(first[1]) == Message(0x43, b"\x34\x01")
-    assert answers(device, command(0x3A)) == [Message(0x3A, b"\x3b")]
+    assert read(first[1]) == SeaTracMessage(0x43, b"\x34\x01")
+    assert answers(device, command(0x3A)) == [SeaTracMessage(0x3A, b"\x3b")]
 
 
 def test_status_comes_at_its_rate_and_holds_what_was_configured():
     device = make()
-    assert answers(device, command(0x11)) == [Message(0x11, b"\x03\x01")]
-    assert answers(device, command(0x12, b"\x02\x04")) == [Message(0x12, b"\x00")]
+    assert answers(device, command(0x11)) == [SeaTracMessage(0x11, b"\x03\x01")]
+    assert answers(device, command(0x12, b"\x02\x04")) == [SeaTracMessage(0x12, b"\x00")]
     said = [line for k in range(101) for line in device.see(sample(ATTITUDE, (EAST, 0.0), 1 + k / 50))]
     assert len(said) == 21
     content, ms, yaw, pitch, roll = struct.unpack("<BQhhh", read(said[-1]).payload)
@@ -120,18 +120,18 @@ def test_status_comes_at_its_rate_and_holds_what_was_configured():
 @pytest.mark.parametrize(
     ("data", "answer"),
     [
-        (command(0x40, b"\x01"), Message(0x40, b"\x04\x01")), (command(0x40, b"\x00\x04"), Message(0x40, b"\x05\x00")),
-        (command(0x40, b"\x0f\x04"), Message(0x40, b"\x05\x0f")), (command(0x40, b"\x01\x00"), Message(0x40, b"\x05\x01")),
-        (command(0x50, b"\x01"), Message(0x50, b"\x04\x00")), (command(0x12, b"\x04\x01"), Message(0x12, b"\x05")),
-        (command(0x12, b"\x03\x06"), Message(0x12, b"\x05")), (command(0x12, b"\x03"), Message(0x12, b"\x04")),
+        (command(0x40, b"\x01"), SeaTracMessage(0x40, b"\x04\x01")), (command(0x40, b"\x00\x04"), SeaTracMessage(0x40, b"\x05\x00")),
+        (command(0x40, b"\x0f\x04"), SeaTracMessage(0x40, b"\x05\x0f")), (command(0x40, b"\x01\x00"), SeaTracMessage(0x40, b"\x05\x01")),
+        (command(0x50, b"\x01"), SeaTracMessage(0x50, b"\x04\x00")), (command(0x12, b"\x04\x01"), SeaTracMessage(0x12, b"\x05")),
+        (command(0x12, b"\x03\x06"), SeaTracMessage(0x12, b"\x05")), (command(0x12, b"\x03"), SeaTracMessage(0x12, b"\x04")),
     ],
 )  # fmt: skip
-def test_what_cannot_be_done_is_answered_by_the_makers_code_and_changes_nothing(data: bytes, answer: Message):
+def test_what_cannot_be_done_is_answered_by_the_makers_code_and_changes_nothing(data: bytes, answer: SeaTracMessage):
     device = make()
     replies, bad = ask(device, data)
     assert [read(reply) for reply in replies] == [answer]
     assert len(bad) == 1
-    assert answers(device, command(0x11) + command(0x3A)) == [Message(0x11, b"\x03\x01"), Message(0x3A, b"\x3b")]
+    assert answers(device, command(0x11) + command(0x3A)) == [SeaTracMessage(0x11, b"\x03\x01"), SeaTracMessage(0x3A, b"\x3b")]
 
 
 def test_an_unknown_command_is_counted():
@@ -166,5 +166,5 @@ def test_a_peer_on_tcp_pings():
             return lines
 
     lines = asyncio.run(asyncio.wait_for(scene(), 120))
-    assert read(lines[0]) == Message(0x40, b"\x00\x01")
+    assert read(lines[0]) == SeaTracMessage(0x40, b"\x00\x01")
     assert read(lines[-1]).payload[2:4] == b"\x01\x03"

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from devices_rig import ATTITUDE, HEARD, ask, make_context, sample
 from uwserver_adapters.devices.seatrac import SeaTrac, SeaTracBeacon, SeaTracTable
-from uwserver_adapters.devices.seatrac_messages import Message, encode
+from uwserver_adapters.devices.seatrac_messages import SeaTracMessage, encode
 
 from uwserver.adapter import CannotServe
 from uwserver.ports import Buffer, Fault
@@ -31,7 +31,7 @@ def make() -> tuple[SeaTrac, FakeContext]:
 
 
 def send(*payload: int, data: bytes = b"") -> bytes:
-    return encode(Message(0x60, bytes(payload) + data), b"#")
+    return encode(SeaTracMessage(0x60, bytes(payload) + data), b"#")
 
 
 def heard(device: SeaTrac, *value: Any) -> bytes:
@@ -45,7 +45,7 @@ def test_a_datagram_goes_to_the_modem_and_is_acknowledged_when_it_took_it():
         device, context = make()
         replies, bad = ask(device, send(2, 2, 5, data=b"hello"))
         await asyncio.sleep(0.01)
-        assert (replies, bad) == ([encode(Message(0x60, b"\x00\x02"))], [])
+        assert (replies, bad) == ([encode(SeaTracMessage(0x60, b"\x00\x02"))], [])
         (command,) = context.commands
         assert command.port == "rov/modem/send"
         assert command.value == ((2.0,), Buffer(data=b"hello"), (1.0,))
@@ -66,7 +66,7 @@ def test_what_the_modem_refuses_is_told(code: Any, text: str, told: int):
         replies, _ = ask(device, send(2, 0, 1, data=b"x"))
         assert replies == []
         context.calls[0].finish(Answer(0, 0, fault=Fault(code, text)))
-        assert replies == [encode(Message(0x60, bytes((told, 2))))]
+        assert replies == [encode(SeaTracMessage(0x60, bytes((told, 2))))]
 
     asyncio.run(scene())
 

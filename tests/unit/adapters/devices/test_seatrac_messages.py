@@ -14,7 +14,7 @@ from uwserver_adapters.devices.seatrac_messages import (
     REQX,
     Found,
     Local,
-    Message,
+    SeaTracMessage,
     crc16,
     decode,
     encode,
@@ -25,11 +25,11 @@ from uwserver.frames import quat_from_rpy
 from uwserver.testing import CodecCase, check_codec
 from uwserver.testing.codecs import read_all
 
-PING = Message(0x40, b"\x01\x04")
+PING = SeaTracMessage(0x40, b"\x01\x04")
 CASES = [
-    CodecCase("alive", b"#01C1C0\r\n", (Message(1),), lambda _: encode(Message(1), b"#")),
+    CodecCase("alive", b"#01C1C0\r\n", (SeaTracMessage(1),), lambda _: encode(SeaTracMessage(1), b"#")),
     CodecCase("ping", b"#4001040187\r\n", (PING,), lambda _: encode(PING, b"#")),
-    CodecCase("small letters", b"#01c1c0\n", (Message(1),)),
+    CodecCase("small letters", b"#01c1c0\n", (SeaTracMessage(1),)),
 ]
 GARBAGE = (
     b"$01C1C0\r\n",
@@ -44,7 +44,7 @@ GARBAGE = (
 )
 
 
-def command_reader() -> LineReader[Message | Garbage]:
+def command_reader() -> LineReader[SeaTracMessage | Garbage]:
     return LineReader(LINE_LIMIT, decode)
 
 
@@ -55,7 +55,7 @@ def test_bytes_both_ways():
 @pytest.mark.parametrize("junk", [junk for junk in GARBAGE if junk.endswith(b"\n")])
 def test_garbage_is_told_and_the_next_command_read(junk: bytes):
     events = read_all(command_reader(), [junk, b"#01C1C0\r\n"], None)
-    assert events[-1] == Message(1)
+    assert events[-1] == SeaTracMessage(1)
     assert any(isinstance(event, Garbage) for event in events)
 
 

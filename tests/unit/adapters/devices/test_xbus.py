@@ -9,7 +9,7 @@ import pytest
 from devices_rig import inertial_readings
 from uwserver_adapters.devices.device import Garbage
 from uwserver_adapters.devices.inertial import Fix
-from uwserver_adapters.devices.xbus import ENU, NWU, Message, MessageReader, encode, fault_of, item, orientation, real
+from uwserver_adapters.devices.xbus import ENU, NWU, XbusMessage, XbusReader, encode, fault_of, item, orientation, real
 
 from uwserver.frames import rpy_from_quat
 from uwserver.testing import CodecCase, check_codec
@@ -25,14 +25,14 @@ FRAMES = [bytes.fromhex(text) for text in RECORDED]
 
 
 def recorded(data: bytes) -> CodecCase:
-    message = Message(0x36, data[4:-1])
+    message = XbusMessage(0x36, data[4:-1])
     return CodecCase(data[:8].hex(), data, (message,), lambda _: encode(message))
 
 
-LONG = Message(0x36, bytes(range(256)) * 2)
+LONG = XbusMessage(0x36, bytes(range(256)) * 2)
 CASES = [
     *(recorded(data) for data in FRAMES),
-    CodecCase("GoToConfig, of the manual", bytes.fromhex("FAFF3000D1"), (Message(0x30),), lambda _: encode(Message(0x30))),
+    CodecCase("GoToConfig, of the manual", bytes.fromhex("FAFF3000D1"), (XbusMessage(0x30),), lambda _: encode(XbusMessage(0x30))),
     CodecCase("long", bytes.fromhex("FAFF36FF0200") + LONG.data + b"\xca", (LONG,), lambda _: encode(LONG)),
 ]  # fmt: skip
 GARBAGE = (
@@ -47,13 +47,13 @@ GARBAGE = (
 
 
 def test_bytes_both_ways():
-    check_codec(MessageReader, CASES, need_data=None, garbage=GARBAGE)
+    check_codec(XbusReader, CASES, need_data=None, garbage=GARBAGE)
 
 
 @pytest.mark.parametrize("junk", [junk for junk in GARBAGE if junk != b"\xfa"])
 def test_after_garbage_the_next_message_is_read_and_the_garbage_told(junk: bytes):
-    events = read_all(MessageReader(), [junk, FRAMES[0], FRAMES[0]], None)
-    assert events[-1] == Message(0x36, FRAMES[0][4:-1])
+    events = read_all(XbusReader(), [junk, FRAMES[0], FRAMES[0]], None)
+    assert events[-1] == XbusMessage(0x36, FRAMES[0][4:-1])
     assert any(isinstance(event, Garbage) for event in events)
 
 

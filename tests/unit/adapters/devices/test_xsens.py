@@ -6,7 +6,7 @@ import struct
 
 import pytest
 from devices_rig import ATTITUDE, IMU, ask, make_context, sample
-from uwserver_adapters.devices.xbus import Message, encode
+from uwserver_adapters.devices.xbus import XbusMessage, encode
 from uwserver_adapters.devices.xsens import FACTORY, Xsens, XsensTable
 
 TABLE = XsensTable(imu="rov/imu", attitude="rov/attitude", product_code="MTi-7", device_id=0x1234, tcp_port=0)
@@ -24,7 +24,7 @@ def said(device: Xsens, t_s: float) -> list[bytes]:
 
 
 def answers(device: Xsens, number: int, data: bytes = b"") -> list[bytes]:
-    return ask(device, encode(Message(number, data)))[0]
+    return ask(device, encode(XbusMessage(number, data)))[0]
 
 
 def configuration(*items: tuple[int, int]) -> bytes:
@@ -33,20 +33,20 @@ def configuration(*items: tuple[int, int]) -> bytes:
 
 def test_it_says_who_it_is():
     device = make()
-    assert answers(device, 0x00) == [encode(Message(0x01, b"\x00\x00\x12\x34"))]
-    assert answers(device, 0x1C) == [encode(Message(0x1D, b"MTi-7".ljust(20)))]
+    assert answers(device, 0x00) == [encode(XbusMessage(0x01, b"\x00\x00\x12\x34"))]
+    assert answers(device, 0x1C) == [encode(XbusMessage(0x1D, b"MTi-7".ljust(20)))]
     assert len(answers(device, 0x12)[0]) == 8
-    assert answers(device, 0x1E) == [encode(Message(0x1F, b"\x02\x00"))]
+    assert answers(device, 0x1E) == [encode(XbusMessage(0x1F, b"\x02\x00"))]
 
 
 def test_it_is_configured_and_measures_as_configured():
     device = make()
-    assert answers(device, 0x30) == [encode(Message(0x31))]
+    assert answers(device, 0x30) == [encode(XbusMessage(0x31))]
     assert said(device, 0.5) == []
     items = configuration((0x1020, 0xFFFF), (0x2030, 10), (0x4020, 40))
-    assert answers(device, 0xC0, items) == [encode(Message(0xC1, items))]
-    assert answers(device, 0xC0) == [encode(Message(0xC1, items))]
-    assert answers(device, 0x10) == [encode(Message(0x11))]
+    assert answers(device, 0xC0, items) == [encode(XbusMessage(0xC1, items))]
+    assert answers(device, 0xC0) == [encode(XbusMessage(0xC1, items))]
+    assert answers(device, 0x10) == [encode(XbusMessage(0x11))]
     messages = [message for k in range(200) for message in said(device, 1.0 + k / 200)]
     assert len(messages) == 40
     full, short = messages[0], messages[1]
@@ -59,10 +59,10 @@ def test_it_is_configured_and_measures_as_configured():
 
 def test_an_empty_configuration_sends_nothing_and_a_reset_brings_the_factorys_back():
     device = make()
-    assert answers(device, 0xC0, bytes(4)) == [encode(Message(0xC1, bytes(4)))]
+    assert answers(device, 0xC0, bytes(4)) == [encode(XbusMessage(0xC1, bytes(4)))]
     assert said(device, 1.0) == []
     answers(device, 0x30)
-    assert answers(device, 0x40) == [encode(Message(0x41))]
+    assert answers(device, 0x40) == [encode(XbusMessage(0x41))]
     assert device.items == FACTORY
     assert len(said(device, 2.0)) == 1
 
@@ -87,8 +87,8 @@ def test_items_without_a_rate_of_their_own_come_with_every_reading():
 )  # fmt: skip
 def test_what_cannot_be_done_is_answered_by_the_makers_code_and_changes_nothing(number: int, data: bytes, code: int):
     device = make()
-    replies, bad = ask(device, encode(Message(number, data)))
-    assert replies == [encode(Message(0x42, bytes((code,))))]
+    replies, bad = ask(device, encode(XbusMessage(number, data)))
+    assert replies == [encode(XbusMessage(0x42, bytes((code,))))]
     assert len(bad) == 1
     assert device.items == FACTORY
 

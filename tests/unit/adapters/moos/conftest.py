@@ -11,7 +11,7 @@ import pytest
 from adapter_rig import serving
 from msgspec.structs import replace
 from uwserver_adapters.moos import wire
-from uwserver_adapters.moos.wire import Message
+from uwserver_adapters.moos.wire import MoosMessage
 
 from uwserver.ports import Argument, Field, Port, Service
 from uwserver.testing import FakeContext
@@ -83,14 +83,14 @@ class Client:
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, name: str) -> None:
         self.reader, self.writer, self.name = reader, writer, name
         self.decoder = wire.Decoder()
-        self.mail: list[Message] = []
-        self.others: list[Message] = []
+        self.mail: list[MoosMessage] = []
+        self.others: list[MoosMessage] = []
 
     @classmethod
     async def connect(cls, address: str, name: str = "probe", key: str = wire.ASYNCHRONOUS) -> Client:
         host, _, port = address.rpartition(":")
         client = cls(*await asyncio.open_connection(host, int(port)), name)
-        hello = Message(wire.DATA, key, data=name.encode(), kind=wire.STRING, time=1.0)
+        hello = MoosMessage(wire.DATA, key, data=name.encode(), kind=wire.STRING, time=1.0)
         client.writer.write(wire.HELLO + wire.packet([wire.encode(hello)]))
         await client.read()
         return client
@@ -108,14 +108,14 @@ class Client:
             for message in event.messages:
                 (self.mail if message.type == wire.NOTIFY else self.others).append(message)
 
-    def send(self, *messages: Message) -> None:
+    def send(self, *messages: MoosMessage) -> None:
         self.writer.write(wire.packet([wire.encode(message) for message in messages]))
 
     def notify(self, time: float = 2e9, **values: float | str | bytes) -> None:
         self.send(*(wire.notify(key, value, time, self.name) for key, value in values.items()))
 
     def register(self, *names: str, interval: float = 0.0) -> None:
-        self.send(*(Message(wire.REGISTER, name, interval, src=self.name) for name in names))
+        self.send(*(MoosMessage(wire.REGISTER, name, interval, src=self.name) for name in names))
 
     def wildcard(self, pattern: str = "*", app: str = "*") -> None:
         self.send(wire.wildcard(wire.WILDCARD_REGISTER, self.name, 1.0, pattern, app))
@@ -125,7 +125,7 @@ class Client:
             await self.read()
         return found
 
-    async def hear(self, key: str) -> Message:
+    async def hear(self, key: str) -> MoosMessage:
         """The next, or the last unread, mail of a variable."""
         await self.until(lambda c: any(m.key == key for m in c.mail))
         found = next(m for m in self.mail if m.key == key)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from uwserver_adapters.moos import wire
-from uwserver_adapters.moos.wire import Decoder, Hello, Malformed, Message, Packet
+from uwserver_adapters.moos.wire import Decoder, Hello, Malformed, MoosMessage, Packet
 
 from uwserver.testing import CodecCase, check_codec
 from uwserver.testing.codecs import read_all
@@ -71,12 +71,12 @@ T0 = number(NAME, 47)
 WRITTEN = number(NOTIFICATIONS, 48)
 
 CASES = [
-    ("name", NAME, (Message("i", "asynchronous", data=b"probe", kind="S", time=T0),)),
+    ("name", NAME, (MoosMessage("i", "asynchronous", data=b"probe", kind="S", time=T0),)),
     (
         "welcome",
         WELCOME,
         (
-            Message(
+            MoosMessage(
                 "W", "", number(WELCOME, 58), b"asynchronous", src_aux="hostname=vm", community="tank",
                 time=number(WELCOME, 50),
             ),
@@ -86,56 +86,56 @@ CASES = [
         "timing and register",
         TIMING_AND_REGISTER,
         (
-            Message("T", "_async_timing", 0.0, time=number(TIMING_AND_REGISTER, 48)),
-            Message("R", "NAV_DEPTH", 0.5, src="probe", time=number(TIMING_AND_REGISTER, 116), id=0),
+            MoosMessage("T", "_async_timing", 0.0, time=number(TIMING_AND_REGISTER, 48)),
+            MoosMessage("R", "NAV_DEPTH", 0.5, src="probe", time=number(TIMING_AND_REGISTER, 116), id=0),
         ),
     ),
     (
         "timing echo",
         TIMING_ECHO,
-        (Message("T", "_async_timing", number(TIMING_ECHO, 56), time=number(TIMING_ECHO, 48), number2=0.0),),
+        (MoosMessage("T", "_async_timing", number(TIMING_ECHO, 56), time=number(TIMING_ECHO, 48), number2=0.0),),
     ),
     (
         "wildcard",
         WILDCARD,
-        (wire.Message("*", "probe", data=b"AppPattern=*,VarPattern=NAV_*,Interval=0.25", kind="S", src="probe",
+        (wire.MoosMessage("*", "probe", data=b"AppPattern=*,VarPattern=NAV_*,Interval=0.25", kind="S", src="probe",
                       time=number(WILDCARD, 45), id=1),),
     ),
     (
         "notifications",
         NOTIFICATIONS,
         (
-            Message("N", "NAV_DEPTH", 3.25, src="probe", time=number(NOTIFICATIONS, 49), id=2),
-            Message("N", "FLAG", data=b"true", kind="S", src="probe", time=number(NOTIFICATIONS, 112), id=3),
-            Message("N", "BLOB", data=b"\x00\xff", kind="B", src="probe", time=number(NOTIFICATIONS, 179), id=4),
+            MoosMessage("N", "NAV_DEPTH", 3.25, src="probe", time=number(NOTIFICATIONS, 49), id=2),
+            MoosMessage("N", "FLAG", data=b"true", kind="S", src="probe", time=number(NOTIFICATIONS, 112), id=3),
+            MoosMessage("N", "BLOB", data=b"\x00\xff", kind="B", src="probe", time=number(NOTIFICATIONS, 179), id=4),
         ),
     ),
     (
         "delivered",
         DELIVERED,
-        (Message("N", "NAV_DEPTH", 3.25, src="probe", community="tank", time=number(DELIVERED, 53), id=2),),
+        (MoosMessage("N", "NAV_DEPTH", 3.25, src="probe", community="tank", time=number(DELIVERED, 53), id=2),),
     ),
-    ("unregister", packed(b"U", b"D", 7, b"X", 1.5, -1.0, b"", b"me"), (Message("U", "X", src="me", time=1.5, id=7),)),
+    ("unregister", packed(b"U", b"D", 7, b"X", 1.5, -1.0, b"", b"me"), (MoosMessage("U", "X", src="me", time=1.5, id=7),)),
     (
         "wildcard unregister",
         packed(b"/", b"S", 8, b"me", 1.5, -1.0, b"AppPattern=*,VarPattern=A?,Interval=0", b"me"),
-        (Message("/", "me", data=b"AppPattern=*,VarPattern=A?,Interval=0", kind="S", src="me", time=1.5, id=8),),
+        (MoosMessage("/", "me", data=b"AppPattern=*,VarPattern=A?,Interval=0", kind="S", src="me", time=1.5, id=8),),
     ),
-    ("poison", packed(b"K", b"S", -1, b"", 2.0, -1.0, b"no"), (Message("K", "", data=b"no", kind="S", time=2.0),)),
-    ("request", packed(b"Q", b"S", -2, b"ALL", 2.0, -1.0, b""), (Message("Q", "ALL", kind="S", time=2.0, id=-2),)),
-    ("null", packed(b".", b"D", -1, b"", 0.0, 99.5, b""), (Message(".", "", 99.5),)),
-    ("command", packed(b"C", b"S", -1, b"k", 0.0, -1.0, b"v"), (Message("C", "k", data=b"v", kind="S"),)),
-    ("unknown type and kind", packed(b"\xfe", b"~", 1, b"k", 0.0, 0.0, b""), (Message("þ", "k", 0.0, kind="~", id=1),)),
+    ("poison", packed(b"K", b"S", -1, b"", 2.0, -1.0, b"no"), (MoosMessage("K", "", data=b"no", kind="S", time=2.0),)),
+    ("request", packed(b"Q", b"S", -2, b"ALL", 2.0, -1.0, b""), (MoosMessage("Q", "ALL", kind="S", time=2.0, id=-2),)),
+    ("null", packed(b".", b"D", -1, b"", 0.0, 99.5, b""), (MoosMessage(".", "", 99.5),)),
+    ("command", packed(b"C", b"S", -1, b"k", 0.0, -1.0, b"v"), (MoosMessage("C", "k", data=b"v", kind="S"),)),
+    ("unknown type and kind", packed(b"\xfe", b"~", 1, b"k", 0.0, 0.0, b""), (MoosMessage("þ", "k", 0.0, kind="~", id=1),)),
     (
         "no UTF-8",
         packed(b"N", b"S", 1, b"k\xff", 0.0, -1.0, b"\xfe", b"\x80"),
-        (Message("N", "k\udcff", data=b"\xfe", kind="S", src="\udc80", id=1),),
+        (MoosMessage("N", "k\udcff", data=b"\xfe", kind="S", src="\udc80", id=1),),
     ),
     ("no message", struct.pack("<iiB", 9, 0, 0), ()),
 ]  # fmt: skip
 
 
-def case(name: str, data: bytes, messages: tuple[Message, ...]) -> CodecCase:
+def case(name: str, data: bytes, messages: tuple[MoosMessage, ...]) -> CodecCase:
     return CodecCase(
         name, data, (Packet(messages),), lambda _: wire.packet([wire.encode(message) for message in messages])
     )
@@ -159,7 +159,7 @@ def test_table():
 
 
 def test_hello_comes_first_from_a_client():
-    events = (Hello(), Packet((Message("i", "asynchronous", data=b"probe", kind="S", time=T0),)))
+    events = (Hello(), Packet((MoosMessage("i", "asynchronous", data=b"probe", kind="S", time=T0),)))
     check_codec(
         lambda: Decoder(expects_hello=True),
         [CodecCase("hello", HELLO + NAME, events)],
@@ -196,8 +196,8 @@ def mutated(at: int, value: int) -> bytes:
         (mutated(19, 2**31 - 1), "a text of 2147483647 bytes in a message with"),
         (mutated(19, -1), "a text of -1 bytes"),
         (mutated(77, 1), "a text of 1 bytes in a message with 0 left"),
-        (wire.packet([wire.encode(Message(wire.NULL, ""))] * (wire.MESSAGES_LIMIT + 1)), "the most that are taken"),
-        (wire.packet([wire.encode(Message(wire.NOTIFY, "\udcff" * (wire.NAMES_LIMIT + 1)))]), "a name of 1025 bytes"),
+        (wire.packet([wire.encode(MoosMessage(wire.NULL, ""))] * (wire.MESSAGES_LIMIT + 1)), "the most that are taken"),
+        (wire.packet([wire.encode(MoosMessage(wire.NOTIFY, "\udcff" * (wire.NAMES_LIMIT + 1)))]), "a name of 1025 bytes"),
     ],
 )
 def test_each_fault_is_named_and_ends_the_connection(data, text):
@@ -227,7 +227,7 @@ def test_a_packet_of_many_messages_is_read_in_pieces():
 def test_what_a_database_sends_may_be_long_and_many():
     """A client's decoder passes over what is too long, in pieces of any size, and counts no messages; what is no packet still ends it."""
     long = wire.packet([wire.encode(wire.notify("A", "x" * wire.PACKET_LIMIT, 0.0))])
-    many = wire.packet([wire.encode(Message(wire.NULL, ""))] * (wire.MESSAGES_LIMIT + 1))
+    many = wire.packet([wire.encode(MoosMessage(wire.NULL, ""))] * (wire.MESSAGES_LIMIT + 1))
     decoder = Decoder(skips=True)
     found = []
     for start in range(0, len(long), 100_000):
@@ -241,9 +241,9 @@ def test_what_a_database_sends_may_be_long_and_many():
 
 def test_a_long_value_that_is_no_ascii_is_not_read_as_a_text():
     for data in (b"\xff" * wire.TEXT_LIMIT, b"x" * (1 << 20)):
-        assert Message(wire.NOTIFY, "A", data=data, kind=wire.STRING).value == data.decode("utf-8", "surrogateescape")
+        assert MoosMessage(wire.NOTIFY, "A", data=data, kind=wire.STRING).value == data.decode("utf-8", "surrogateescape")
     long = b"\xff" * (wire.TEXT_LIMIT + 1)
-    assert Message(wire.NOTIFY, "A", data=long, kind=wire.STRING).value == long
+    assert MoosMessage(wire.NOTIFY, "A", data=long, kind=wire.STRING).value == long
 
 
 def test_a_claimed_length_allocates_nothing():
@@ -261,7 +261,7 @@ def test_a_claimed_length_allocates_nothing():
 
 words = st.text(st.characters(exclude_categories=()), max_size=20)
 messages = st.builds(
-    Message,
+    MoosMessage,
     type=st.sampled_from("NRU*/iWKTQ.C^"),
     key=st.text(max_size=20),
     number=st.floats(allow_nan=False),
@@ -326,12 +326,12 @@ def test_notify_takes_its_kind_from_the_value():
     ],
 )
 def test_wildcards_are_read_and_written(text, found):
-    assert wire.wildcard_of(Message(wire.WILDCARD_REGISTER, "", data=text.encode())) == found
+    assert wire.wildcard_of(MoosMessage(wire.WILDCARD_REGISTER, "", data=text.encode())) == found
     made = wire.wildcard("*", "me", 1.0, "NAV_*", "p*", 0.5)
     assert wire.wildcard_of(made) == ("NAV_*", "p*", 0.5)
 
 
-@pytest.mark.parametrize("bad", [Message("", "k"), Message("NN", "k"), Message("N", "k", id=2**31), Message("€", "k")])
+@pytest.mark.parametrize("bad", [MoosMessage("", "k"), MoosMessage("NN", "k"), MoosMessage("N", "k", id=2**31), MoosMessage("€", "k")])
 def test_what_cannot_be_written_says_so(bad):
     with pytest.raises(ValueError, match="cannot be written"):
         wire.encode(bad)

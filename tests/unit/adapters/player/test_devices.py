@@ -9,7 +9,7 @@ import pytest
 from msgspec import structs
 from uwserver_adapters.player import wire
 from uwserver_adapters.player.devices import SERVICES, Ask, Device, devices_of
-from uwserver_adapters.player.wire import CMD, GPS, IMU, OPAQUE, POSITION3D, RANGER, REQ, Message
+from uwserver_adapters.player.wire import CMD, GPS, IMU, OPAQUE, POSITION3D, RANGER, REQ, PlayerMessage
 
 from uwserver.frames import quat_from_rpy
 from uwserver.ports import Field, Port, Refused, Sample, Value
@@ -133,21 +133,21 @@ def test_rangers() -> None:
 def test_steering() -> None:
     take = devices()[POSITION3D, "rov"].take
     assert take is not None
-    speed = Message(POSITION3D, 0, CMD, 1, struct.pack(">6dI", 1.0, 2.0, 3.0, 9.0, 9.0, 0.5, 1))
+    speed = PlayerMessage(POSITION3D, 0, CMD, 1, struct.pack(">6dI", 1.0, 2.0, 3.0, 9.0, 9.0, 0.5, 1))
     assert take(speed) == Ask("rov/autopilot/velocity", args={"v_B": [1.0, -2.0, -3.0], "yaw_rate": -0.5})
-    place = Message(POSITION3D, 0, CMD, 2, struct.pack(">6dI6d", 1.0, 2.0, -3.0, 0.0, 0.0, 0.0, 1, *[0.0] * 6))
+    place = PlayerMessage(POSITION3D, 0, CMD, 2, struct.pack(">6dI6d", 1.0, 2.0, -3.0, 0.0, 0.0, 0.0, 1, *[0.0] * 6))
     assert take(place) == Ask("rov/autopilot/position", args={"p_N": [2.0, 1.0, 3.0], "heading": math.pi / 2})
-    assert take(Message(POSITION3D, 0, REQ, 2, b"\0\0\0\1")) == Ask(service="rov/autopilot/arm")
-    assert take(Message(POSITION3D, 0, REQ, 2, b"\0\0\0\0")) == Ask(service="rov/autopilot/disarm")
-    assert take(Message(POSITION3D, 0, REQ, 3, b"\0\0\0\1")) == Ask(
+    assert take(PlayerMessage(POSITION3D, 0, REQ, 2, b"\0\0\0\1")) == Ask(service="rov/autopilot/arm")
+    assert take(PlayerMessage(POSITION3D, 0, REQ, 2, b"\0\0\0\0")) == Ask(service="rov/autopilot/disarm")
+    assert take(PlayerMessage(POSITION3D, 0, REQ, 3, b"\0\0\0\1")) == Ask(
         service="rov/autopilot/set_mode", args={"mode": "guided"}
     )
-    nan = Message(POSITION3D, 0, CMD, 2, struct.pack(">6dI", 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, 1))
+    nan = PlayerMessage(POSITION3D, 0, CMD, 2, struct.pack(">6dI", 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, 1))
     assert math.isnan(take(nan).args["heading"])  # type: ignore[arg-type]  # the world refuses it
     for wrong in (
-        Message(POSITION3D, 0, CMD, 1, b"\0" * 8),
-        Message(POSITION3D, 0, REQ, 5),
-        Message(POSITION3D, 0, CMD, 9, bytes(52)),
+        PlayerMessage(POSITION3D, 0, CMD, 1, b"\0" * 8),
+        PlayerMessage(POSITION3D, 0, REQ, 5),
+        PlayerMessage(POSITION3D, 0, CMD, 9, bytes(52)),
     ):
         with pytest.raises(Refused):
             take(wrong)
@@ -163,9 +163,9 @@ def test_opaque_devices_are_json() -> None:
     thrusters, services = of[OPAQUE, "rov/thrusters"].take, of[OPAQUE, SERVICES].take
     assert thrusters is not None
     assert services is not None
-    assert thrusters(Message(OPAQUE, 0, CMD, 1, wire.octets(b'{"u": [1]}'))) == Ask("rov/thrusters", args={"u": [1]})
+    assert thrusters(PlayerMessage(OPAQUE, 0, CMD, 1, wire.octets(b'{"u": [1]}'))) == Ask("rov/thrusters", args={"u": [1]})
     call = wire.octets(b'{"service": "world/step", "args": {"n": 2}}\0')
-    assert services(Message(OPAQUE, 0, REQ, 1, call)) == Ask(service="world/step", args={"n": 2})
+    assert services(PlayerMessage(OPAQUE, 0, REQ, 1, call)) == Ask(service="world/step", args={"n": 2})
     for body in (
         b"[]",
         b"{",
@@ -175,6 +175,6 @@ def test_opaque_devices_are_json() -> None:
         b'{"service": "x", "args": []}',
     ):
         with pytest.raises(Refused):
-            services(Message(OPAQUE, 0, REQ, 1, wire.octets(body)))
+            services(PlayerMessage(OPAQUE, 0, REQ, 1, wire.octets(body)))
     with pytest.raises(Refused):
-        thrusters(Message(OPAQUE, 0, REQ, 1, wire.octets(b"[]")))
+        thrusters(PlayerMessage(OPAQUE, 0, REQ, 1, wire.octets(b"[]")))

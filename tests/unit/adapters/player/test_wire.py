@@ -6,7 +6,7 @@ import struct
 
 import pytest
 from uwserver_adapters.player import wire
-from uwserver_adapters.player.wire import CMD, DATA, PLAYER, REQ, Decoder, Message
+from uwserver_adapters.player.wire import CMD, DATA, PLAYER, REQ, Decoder, PlayerMessage
 
 from uwserver.ports import Refused
 from uwserver.testing.codecs import CodecCase, check_codec, read_all
@@ -20,9 +20,9 @@ OPEN = bytes.fromhex(
     "00000000 00000000 0000001e 00000000 00000001 00000000 00000000"
 )
 CASES = [
-    CodecCase("datamode", DATAMODE, (Message(PLAYER, 0, REQ, 5, b"\0\0\0\2"),), lambda _: wire.encode(Message(PLAYER, 0, REQ, 5, b"\0\0\0\2"))),
-    CodecCase("open", OPEN, (Message(PLAYER, 0, REQ, 3, OPEN[40:], 0.0, 1),)),
-    CodecCase("no body", DATAMODE[:36] + bytes(4), (Message(PLAYER, 0, REQ, 5),)),
+    CodecCase("datamode", DATAMODE, (PlayerMessage(PLAYER, 0, REQ, 5, b"\0\0\0\2"),), lambda _: wire.encode(PlayerMessage(PLAYER, 0, REQ, 5, b"\0\0\0\2"))),
+    CodecCase("open", OPEN, (PlayerMessage(PLAYER, 0, REQ, 3, OPEN[40:], 0.0, 1),)),
+    CodecCase("no body", DATAMODE[:36] + bytes(4), (PlayerMessage(PLAYER, 0, REQ, 5),)),
 ]  # fmt: skip
 
 
@@ -53,6 +53,6 @@ def test_bodies_are_xdr_as_the_generator_of_player_makes_it() -> None:
 
 
 def test_data_are_told_in_a_header_of_forty_bytes() -> None:
-    told = wire.encode(Message(60, 2, DATA, 2, b"abcd", 1.5, 7, 1, 6665))
+    told = wire.encode(PlayerMessage(60, 2, DATA, 2, b"abcd", 1.5, 7, 1, 6665))
     assert told == struct.pack(">6IdII", 1, 6665, 60, 2, 1, 2, 1.5, 7, 4) + b"abcd"
     assert CMD == 2

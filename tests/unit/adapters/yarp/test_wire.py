@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from uwserver_adapters.yarp import wire
 from uwserver_adapters.yarp.bottle import Vocab
-from uwserver_adapters.yarp.wire import Decoder, Hello, Message
+from uwserver_adapters.yarp.wire import Decoder, Hello, YarpMessage
 
 from uwserver.ports import Refused
 from uwserver.testing.codecs import CodecCase, check_codec, read_all
@@ -21,15 +21,15 @@ ENVELOPE = bytes.fromhex(
     "59410a0000005250 0301ffffffffffffffff 08000000 09000000 0c000000 00000000 090000007e000001 4420352031 2e323500 00010000 00000000"
 )
 CASES = [
-    CodecCase("tcp", TCP, (Hello("tcp", "/w1"), Message("D", "D", [7]), Message("q", "q", ()))),
+    CodecCase("tcp", TCP, (Hello("tcp", "/w1"), YarpMessage("D", "D", [7]), YarpMessage("q", "q", ()))),
     CodecCase("tcp hello", TCP[:16], (Hello("tcp", "/w1"),), lambda _: wire.hello("tcp", "/w1")),
     CodecCase("text hello", b"CONNECT /w\r\n", (Hello("text", "/w"),), lambda _: wire.hello("text", "/w")),
     CodecCase(
         "text_ack", b"CONNACK admin\r\na\r\n[list] [out] /r\r\n",
-        (Hello("text_ack", "admin"), Message("a", "a", [Vocab("list"), Vocab("out"), "/r"])),
+        (Hello("text_ack", "admin"), YarpMessage("a", "a", [Vocab("list"), Vocab("out"), "/r"])),
     ),
     CodecCase("text", b"CONNECT x\nd\n1 2\n\n/a b\nD 5 1.25\n(u 1)\nq\n", (
-        Hello("text", "x"), Message("d", "d", [1, 2]), Message("/", "/a b", ()), Message("D", "D 5 1.25", [["u", 1]]), Message("q", "q", ()),
+        Hello("text", "x"), YarpMessage("d", "d", [1, 2]), YarpMessage("/", "/a b", ()), YarpMessage("D", "D 5 1.25", [["u", 1]]), YarpMessage("q", "q", ()),
     )),
 ]  # fmt: skip
 
@@ -42,7 +42,7 @@ def test_what_yarp_sends_is_read_in_pieces_of_any_size(case: CodecCase) -> None:
 def test_samples_are_written_with_their_envelope() -> None:
     message = wire.message(False, "D 5 1.25", wire.payload(False, [[]])[:4] + b"\0\0\0\0")
     told = read_all(Decoder(), [wire.hello("fast_tcp", "/a") + message], None)
-    assert told == [Hello("fast_tcp", "/a"), Message("D", "D 5 1.25", [])]
+    assert told == [Hello("fast_tcp", "/a"), YarpMessage("D", "D 5 1.25", [])]
     assert wire.hello("fast_tcp", "/a") + message == ENVELOPE[:15] + message
     assert message[:18] == ENVELOPE[15:33]
     assert wire.message(True, "D 5 1.25", wire.payload(True, [1.5])) == b"D 5 1.25\r\n1.5\r\n"
@@ -57,18 +57,18 @@ def test_answers_are_those_of_the_carrier() -> None:
 
 def test_a_bottle_that_is_none_costs_its_message_alone() -> None:
     events = read_all(Decoder(), [b"CONNECT x\nd\n((\nd\n1\n"], None)
-    assert isinstance(events[1], Message)
+    assert isinstance(events[1], YarpMessage)
     assert events[1].fault is not None
-    assert events[2] == Message("d", "d", [1])
+    assert events[2] == YarpMessage("d", "d", [1])
     binary = (
         wire.hello("tcp", "x")
         + wire.message(False, "d", b"\0" * 8)
         + wire.message(False, "d", wire.payload(False, [1]))
     )
     events = read_all(Decoder(), [binary], None)
-    assert isinstance(events[1], Message)
+    assert isinstance(events[1], YarpMessage)
     assert events[1].fault is not None
-    assert events[2] == Message("d", "d", [1])
+    assert events[2] == YarpMessage("d", "d", [1])
 
 
 @pytest.mark.parametrize(

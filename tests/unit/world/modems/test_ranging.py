@@ -15,7 +15,7 @@ from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import ModemTable
-from uwserver.sensors.messages import Message
+from uwserver.sensors.modem_memory import ModemReport
 from uwserver.world import snapshot
 from uwserver.world.modems.ranging import Ranging
 
@@ -246,7 +246,7 @@ def test_the_error_of_a_range_is_that_of_two_arrivals():
 def test_answers_to_what_nobody_asked_are_nothing():
     answers: list[tuple[object, Reply]] = []
     ranging = Ranging(answers, lambda: (3, 30))
-    told = Message("delivered", 1, 2, b"", 1.0, 1.1, range=15.0)
+    told = ModemReport("delivered", 1, 2, b"", 1.0, 1.1, range=15.0)
     ranging.answered(7, told, 0.02)
     later = ranging.wait(8, "a/modem/received")
     assert isinstance(later, Later)

@@ -14,7 +14,7 @@ from uwserver_adapters.moos import MoosAdapter, MoosDbAdapter, wire
 from uwserver_adapters.moos.client import adapter, link
 from uwserver_adapters.moos.clock import DatabaseClock, MoosClock
 from uwserver_adapters.moos.config import BridgeTable, CommunityTable, MoosConfig, MoosDbConfig, NavTable, Target
-from uwserver_adapters.moos.wire import Message
+from uwserver_adapters.moos.wire import MoosMessage
 
 from uwserver.adapter import CannotServe, InputTurns
 from uwserver.ports import Sample
@@ -164,11 +164,11 @@ class Peer:
         writer.close()
 
 
-def packet(*messages: Message) -> bytes:
+def packet(*messages: MoosMessage) -> bytes:
     return wire.packet([wire.encode(message) for message in messages])
 
 
-WELCOME = packet(Message(wire.WELCOME, "", 0.0, b"asynchronous", community="tank"))
+WELCOME = packet(MoosMessage(wire.WELCOME, "", 0.0, b"asynchronous", community="tank"))
 
 
 async def test_it_greets_as_a_client_does(join, until):
@@ -187,10 +187,10 @@ async def test_it_greets_as_a_client_does(join, until):
     ("answer", "text"),
     [
         (
-            packet(Message(wire.POISON, "", data=b"A client of this name", kind="S")),
+            packet(MoosMessage(wire.POISON, "", data=b"A client of this name", kind="S")),
             "refuses us: A client of this name",
         ),
-        (packet(Message(wire.NULL, "")), "does not welcome us"),
+        (packet(MoosMessage(wire.NULL, "")), "does not welcome us"),
         (packet(), "does not welcome us"),
         (b"HTTP/1.1 400 Bad Request\r\n\r\n", "the peer is no MOOSDB"),
         (WELCOME + b"\xff" * 20, "the peer is no MOOSDB"),
@@ -351,7 +351,7 @@ async def test_after_a_step_back_of_the_databases_clock_commands_are_still_obeye
                         writer.write(WELCOME)
                     if said.type == wire.TIMING:
                         now = unix + loop_time() + step
-                        writer.write(packet(Message(wire.TIMING, said.key, now, time=said.time)))
+                        writer.write(packet(MoosMessage(wire.TIMING, said.key, now, time=said.time)))
                         writer.write(packet(wire.notify("DESIRED_THRUST", 60.0, now + 0.01, "helm")))
         writer.close()
 

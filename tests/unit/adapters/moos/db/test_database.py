@@ -13,10 +13,10 @@ from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.db import database as module
 from uwserver_adapters.moos.db.database import DELIVERED, FILTERS_OF_ALL, LISTED, NAMES, PIECE, Database
 from uwserver_adapters.moos.db.patterns import glob
-from uwserver_adapters.moos.wire import Message
+from uwserver_adapters.moos.wire import MoosMessage
 
 
-def take(database: Database, client: str, message: Message) -> None:
+def take(database: Database, client: str, message: MoosMessage) -> None:
     for _ in database.steps(client, message):
         pass
 
@@ -27,7 +27,7 @@ class Community:
     def __init__(self, max_variables: int = 100) -> None:
         self.time = 100.0
         self.database = Database("tank", lambda: self.time, max_variables)
-        self.boxes: dict[str, list[Message]] = {}
+        self.boxes: dict[str, list[MoosMessage]] = {}
 
     def join(self, *names: str) -> None:
         for name in names:
@@ -38,7 +38,7 @@ class Community:
         take(self.database, client, wire.notify(key, value, self.time, client))
 
     def register(self, client: str, key: str, interval: float = 0.0) -> None:
-        take(self.database, client, Message(wire.REGISTER, key, interval, src=client))
+        take(self.database, client, MoosMessage(wire.REGISTER, key, interval, src=client))
 
     def wildcard(self, client: str, pattern: str, app: str = "*", type: str = wire.WILDCARD_REGISTER) -> None:
         take(self.database, client, wire.wildcard(type, client, self.time, pattern, app))
@@ -48,8 +48,8 @@ class Community:
         self.boxes[client].clear()
         return found
 
-    def ask(self, client: str, key: str) -> list[Message]:
-        take(self.database, client, Message(wire.SERVER_REQUEST, key, id=-2))
+    def ask(self, client: str, key: str) -> list[MoosMessage]:
+        take(self.database, client, MoosMessage(wire.SERVER_REQUEST, key, id=-2))
         found = list(self.boxes[client])
         self.boxes[client].clear()
         return found
@@ -73,9 +73,9 @@ def test_the_last_value_waits_for_who_comes_later(tank):
 
 def test_mail_says_who_wrote_it_when_and_where(tank):
     tank.register("b", "X")
-    take(tank.database, "a", Message("N", "X", 1.0, src="a", src_aux="deep", time=55.0, id=7))
-    assert tank.boxes["b"] == [Message("N", "X", 1.0, src="a", src_aux="deep", community="tank", time=55.0, id=7)]
-    take(tank.database, "a", Message("N", "X", 1.0, src="far", community="shore", time=56.0))
+    take(tank.database, "a", MoosMessage("N", "X", 1.0, src="a", src_aux="deep", time=55.0, id=7))
+    assert tank.boxes["b"] == [MoosMessage("N", "X", 1.0, src="a", src_aux="deep", community="tank", time=55.0, id=7)]
+    take(tank.database, "a", MoosMessage("N", "X", 1.0, src="far", community="shore", time=56.0))
     assert tank.boxes["b"][1].community == "shore"
 
 
@@ -91,7 +91,7 @@ def test_the_first_write_fixes_the_type_and_a_clash_is_told(tank):
     tank.write("a", "X", 1.0)
     tank.write("a", "X", "two")
     tank.write("a", "X", b"two")
-    take(tank.database, "a", Message("N", "X", 1.0, kind="~", src="a"))
+    take(tank.database, "a", MoosMessage("N", "X", 1.0, kind="~", src="a"))
     heard = tank.heard("b")
     assert heard[0] == ("X", 1.0)
     assert [text for _, text in heard[1:]] == [
@@ -114,10 +114,10 @@ def test_a_step_of_the_clock_holds_no_mail_back(step):
     """Intervals are measured by the steady clock; times of mail are those of the stepped one."""
     now, steady = 1000.0, 0.0
     database = Database("tank", lambda: now, 100, lambda: steady)
-    heard: list[Message] = []
+    heard: list[MoosMessage] = []
     database.join("a", lambda letter: None)
     database.join("b", lambda letter: heard.append(letter.message))
-    take(database, "b", Message(wire.REGISTER, "X", 0.5, src="b"))
+    take(database, "b", MoosMessage(wire.REGISTER, "X", 0.5, src="b"))
     for value in (0.0, 1.0, 2.0, 3.0):
         take(database, "a", wire.notify("X", value, now, "a"))
         now, steady = now + 0.25, steady + 0.25
@@ -169,8 +169,8 @@ def test_wildcards_may_name_the_writer(tank):
 
 def test_unregister(tank):
     tank.register("b", "X")
-    take(tank.database, "b", Message(wire.UNREGISTER, "X", src="b"))
-    take(tank.database, "b", Message(wire.UNREGISTER, "NEVER", src="b"))
+    take(tank.database, "b", MoosMessage(wire.UNREGISTER, "X", src="b"))
+    take(tank.database, "b", MoosMessage(wire.UNREGISTER, "NEVER", src="b"))
     tank.write("a", "X", 1.0)
     assert tank.heard("b") == []
 
@@ -311,7 +311,7 @@ texts = st.text(st.characters(exclude_categories=()), max_size=12)
 @given(
     st.lists(
         st.builds(
-            Message,
+            MoosMessage,
             type=st.sampled_from("NNNRU*/iWKTQQ.C^"),
             key=st.sampled_from(["X", "", "ALL", "VAR_SUMMARY", "PROC_SUMMARY", "DB_CLEAR", module.REFUSED, "DB_TIME"]) | texts,
             number=st.floats(),
@@ -336,7 +336,7 @@ def test_whatever_clients_say_never_raises(said):
 
 def test_unknown_types_are_ignored(tank):
     for type in (".", "C", "K", "W", "þ"):
-        take(tank.database, "a", Message(type, "X", src="a"))
+        take(tank.database, "a", MoosMessage(type, "X", src="a"))
     assert "X" not in tank.database.variables
 
 
@@ -349,7 +349,7 @@ def test_what_looks_at_all_variables_lets_others_have_their_turn():
     tank.heard("b")
     for message in (
         wire.wildcard(wire.WILDCARD_REGISTER, "b", 0.0, "*", "*"),
-        Message(wire.SERVER_REQUEST, "ALL", id=-2),
+        MoosMessage(wire.SERVER_REQUEST, "ALL", id=-2),
         wire.wildcard(wire.WILDCARD_UNREGISTER, "b", 0.0, "*", "*"),
     ):
         most = steps = 0
@@ -383,7 +383,7 @@ def crowd() -> Community:
 @pytest.mark.parametrize("request_", ["ALL", "*"])
 def test_a_walk_through_all_variables_copies_little_before_its_first_step(crowd, request_):
     """Pairs of names and variables took 2.6 ms of the interpreter with 20 000."""
-    message = Message(wire.SERVER_REQUEST, "ALL", id=-2)
+    message = MoosMessage(wire.SERVER_REQUEST, "ALL", id=-2)
     if request_ == "*":
         message = wire.wildcard(wire.WILDCARD_REGISTER, "b", 0.0, "no*", "*")
     steps = crowd.database.steps("b", message)
@@ -403,7 +403,7 @@ def test_large_values_make_small_steps(crowd):
 
 
 def test_clearing_lets_others_have_their_turn(crowd):
-    steps = crowd.database.steps("b", Message(wire.SERVER_REQUEST, "DB_CLEAR", id=-2))
+    steps = crowd.database.steps("b", MoosMessage(wire.SERVER_REQUEST, "DB_CLEAR", id=-2))
     next(steps)
     left = sum(variable.letter is not None for variable in crowd.database.variables.values())
     assert left > 5000 - 2 * PIECE // DELIVERED

@@ -16,7 +16,7 @@ from uwserver_adapters.moos.config import BridgeTable, MoosDbConfig, NavTable, T
 from uwserver_adapters.moos.db import guests, local
 from uwserver_adapters.moos.db.database import Database
 from uwserver_adapters.moos.db.variable import Letter
-from uwserver_adapters.moos.wire import Message
+from uwserver_adapters.moos.wire import MoosMessage
 
 from uwserver.adapter import CannotListen, CannotServe, log_file
 from uwserver.ports import Sample
@@ -97,7 +97,7 @@ async def test_the_heartbeat_is_echoed_with_the_databases_time(tank, connect):
     async with tank(warp=10.0) as context:
         client = await connect(context.stats.address)
         client.others.clear()
-        client.send(Message(wire.TIMING, wire.TIMING_KEY, 0.0, time=5.0))
+        client.send(MoosMessage(wire.TIMING, wire.TIMING_KEY, 0.0, time=5.0))
         await client.until(lambda c: c.others)
         (echo,) = client.others
         assert (echo.type, echo.key, echo.time, echo.number2) == ("T", "_async_timing", 5.0, 0.0)
@@ -162,7 +162,7 @@ async def test_a_synchronous_client_gets_one_packet_for_each_of_its_own(tank, co
         writer.register("X")
         await writer.hear("X")
         assert not sync.mail
-        sync.send(Message(wire.NULL, ""))
+        sync.send(MoosMessage(wire.NULL, ""))
         await sync.read()
         assert [m.value for m in sync.mail] == [1.0, 2.0]
         assert sync.others[-1].number > 1.7e9
@@ -180,7 +180,7 @@ async def test_a_synchronous_client_that_never_asks_keeps_the_newest_mail(tank, 
             writer.notify(X=float(k))
         writer.register("X")
         await writer.until(lambda c: c.last("X") == 4.0)
-        sync.send(Message(wire.NULL, ""))
+        sync.send(MoosMessage(wire.NULL, ""))
         await sync.read()
         assert [m.value for m in sync.mail] == [2.0, 3.0, 4.0]
         monkeypatch.setattr(guests, "HELD", 100)
@@ -189,7 +189,7 @@ async def test_a_synchronous_client_that_never_asks_keeps_the_newest_mail(tank, 
         writer.notify(X=9.0)
         await writer.until(lambda c: c.last("X") == 9.0)
         sync.mail.clear()
-        sync.send(Message(wire.NULL, ""))
+        sync.send(MoosMessage(wire.NULL, ""))
         await sync.read()
         assert [m.key for m in sync.mail] == ["BIG", "BIG", "X"]
         assert context.stats.dropped == 3
@@ -208,7 +208,7 @@ async def test_a_synchronous_client_that_asks_and_reads_nothing_is_disconnected(
             if context.stats.peers == 1:
                 break
             writer.notify(BIG="x" * 20_000)
-            sync.send(Message(wire.NULL, ""))
+            sync.send(MoosMessage(wire.NULL, ""))
             await asyncio.sleep(0.001)
         await until(lambda: context.stats.peers == 1, "it is still there")
         assert "read faster" in context.stats.last_error
@@ -229,11 +229,11 @@ async def test_costly_requests_let_others_have_their_turn(tank, connect, monkeyp
     monkeypatch.setattr(Database, "steps", steps)
     async with tank() as context:
         greedy, other = await connect(context.stats.address, "greedy"), await connect(context.stats.address, "other")
-        greedy.send(*[Message(wire.SERVER_REQUEST, "ALL", id=-2)] * 2000)
+        greedy.send(*[MoosMessage(wire.SERVER_REQUEST, "ALL", id=-2)] * 2000)
         while not asked:
             await asyncio.sleep(0)
         other.others.clear()
-        other.send(Message(wire.TIMING, wire.TIMING_KEY, 0.0, time=5.0))
+        other.send(MoosMessage(wire.TIMING, wire.TIMING_KEY, 0.0, time=5.0))
         await other.until(lambda c: c.others)
         assert len(asked) < 2000
         await greedy.close()
@@ -283,7 +283,7 @@ async def test_a_packet_of_many_writes_lets_others_have_their_turn(tank, connect
         greedy.send(*(wire.notify("FLOOD", float(k), 2e9, "greedy") for k in range(wire.MESSAGES_LIMIT)))
         await asyncio.sleep(0.01)
         other.others.clear()
-        other.send(Message(wire.TIMING, wire.TIMING_KEY, 0.0, time=5.0))
+        other.send(MoosMessage(wire.TIMING, wire.TIMING_KEY, 0.0, time=5.0))
         await other.until(lambda c: c.others)
         assert len(taken) < wire.MESSAGES_LIMIT
         other.register("FLOOD")
@@ -313,7 +313,7 @@ async def test_writes_that_many_hear_are_few_in_a_step(tank, connect, monkeypatc
         for client in clients:
             client.others.clear()
             client.register("MANY")
-            client.send(Message(wire.TIMING, wire.TIMING_KEY, 0.0, time=5.0))
+            client.send(MoosMessage(wire.TIMING, wire.TIMING_KEY, 0.0, time=5.0))
             await client.until(lambda c: c.others)
         in_a_step.clear()
         clients[0].send(*(wire.notify("MANY", float(k), 2e9, "c0") for k in range(200)))
@@ -395,11 +395,11 @@ async def test_bytes_that_are_no_text_are_told_and_harm_nobody(tank, connect):
     async with tank(bridge=bridge) as context:
         odd, good = await connect(context.stats.address, "a"), await connect(context.stats.address, "good")
         good.register("DESIRED_THRUST", "UWSERVER_ERROR", "UWSERVER_REPLY")
-        odd.send(Message(wire.NOTIFY, "DESIRED_THRUST", data=b"\xff", kind=wire.STRING, src="\udcfe", time=2e9))
+        odd.send(MoosMessage(wire.NOTIFY, "DESIRED_THRUST", data=b"\xff", kind=wire.STRING, src="\udcfe", time=2e9))
         assert (await good.hear("DESIRED_THRUST")).data == b"\xff"
         error = json.loads((await good.hear("UWSERVER_ERROR")).text)
         assert (error["value"], error["src"], error["code"]) == ("\ufffd", "\ufffd", "bad_argument")
-        odd.send(Message(wire.NOTIFY, "UWSERVER_CALL", data=b"\xff\xfe world/echo", kind=wire.STRING, time=2e9))
+        odd.send(MoosMessage(wire.NOTIFY, "UWSERVER_CALL", data=b"\xff\xfe world/echo", kind=wire.STRING, time=2e9))
         assert json.loads((await good.hear("UWSERVER_REPLY")).text)["id"] == "\ufffd\ufffd"
         await odd.close()
         await good.close()
@@ -409,7 +409,7 @@ async def test_a_client_whose_name_is_no_utf_8_is_named_readably(tank, connect, 
     async with tank() as context:
         client = await connect(context.stats.address, "x")
         reader, writer = await asyncio.open_connection(*context.stats.address.split(":"))
-        hello = Message(wire.DATA, wire.ASYNCHRONOUS, data=b"n\xff", kind=wire.STRING, time=1.0)
+        hello = MoosMessage(wire.DATA, wire.ASYNCHRONOUS, data=b"n\xff", kind=wire.STRING, time=1.0)
         writer.write(wire.HELLO + wire.packet([wire.encode(hello)]) + struct.pack("<iiB", 4, 1, 0))
         await asyncio.wait_for(reader.read(), 60.0)
         await until(lambda: context.stats.errors, "told")
@@ -423,7 +423,7 @@ async def test_a_silent_client_is_disconnected(tank, connect, monkeypatch):
     async with tank(client_timeout_s=1.5) as context:
         silent, lively = await connect(context.stats.address, "silent"), await connect(context.stats.address, "lively")
         while context.stats.peers == 2:
-            lively.send(Message(wire.TIMING, wire.TIMING_KEY, 0.0, time=5.0))
+            lively.send(MoosMessage(wire.TIMING, wire.TIMING_KEY, 0.0, time=5.0))
             await asyncio.sleep(0.05)
         with pytest.raises(ConnectionError):
             await silent.read()

@@ -62,7 +62,7 @@ class Waiting(Struct, frozen=True):
     until: Time
 
 
-class Message(Struct, frozen=True):
+class ModemReport(Struct, frozen=True):
     """An event that a modem reports.
 
     Attributes:
@@ -129,5 +129,5 @@ class ModemMemory(Memory):
     queue: Annotated[tuple[Outgoing, ...], Meta(max_length=2 * MOST_QUEUE)] = ()
     waiting: Annotated[tuple[Waiting, ...], Meta(max_length=2 * MOST_QUEUE)] = ()
     seen: Annotated[tuple[_Whole, ...], Meta(max_length=MOST_SEEN)] = ()
-    inbox: Annotated[tuple[Message, ...], Meta(max_length=MOST_INBOX)] = ()
+    inbox: Annotated[tuple[ModemReport, ...], Meta(max_length=MOST_INBOX)] = ()
     counts: Counts = Counts()
