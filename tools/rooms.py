@@ -11,7 +11,7 @@ from typing import NamedTuple
 ROOT = Path(__file__).parents[1]
 
 
-class Source(NamedTuple):
+class SourceFolder(NamedTuple):
     """A folder of sources, and the folder that mirrors it.
 
     Attributes:
@@ -25,12 +25,12 @@ class Source(NamedTuple):
 
 
 SOURCES = (
-    Source("uwserver", "", is_room=False),
-    Source("adapters/uwserver_adapters", "adapters", is_room=False),
-    Source("bench/uwserver_bench", "bench"),
-    Source("clients/python", "client"),
-    Source("clients/web", "adapters/web"),
-    Source("scenarios", "scenario"),
+    SourceFolder("uwserver", "", is_room=False),
+    SourceFolder("adapters/uwserver_adapters", "adapters", is_room=False),
+    SourceFolder("bench/uwserver_bench", "bench"),
+    SourceFolder("clients/python", "client"),
+    SourceFolder("clients/web", "adapters/web"),
+    SourceFolder("scenarios", "scenario"),
 )
 PROOFS = {"collision": "test_contact*.py", "contact": "test_contact*.py", "geometry": "test_contact*.py", "rays": ""}
 """Those below tests/physics of a room of uwserver/physics; of the others all."""
@@ -65,7 +65,7 @@ def _of_source(file: PurePosixPath, root: Path) -> Iterator[str]:
                 yield from _proofs(inside.parts[1], root)
 
 
-def _mirrored(source: Source, inside: PurePosixPath, root: Path) -> Iterator[str]:
+def _mirrored(source: SourceFolder, inside: PurePosixPath, root: Path) -> Iterator[str]:
     """The test of a source's name, and the nearest folder that mirrors where it stands."""
     base = PurePosixPath("tests/unit") / source.tests
     own = base / inside.parent / f"test_{inside.stem.strip('_')}.py"

@@ -110,7 +110,7 @@ from pathlib import Path
 
 from uwserver_adapters.ros.messages.catalogue import topics_of
 from uwserver_adapters.ros.messages.commands import inlets
-from uwserver_adapters.ros.messages.source import Facts, mounts_of
+from uwserver_adapters.ros.messages.ros_port import Facts, mounts_of
 from uwserver_adapters.ros.messages.types import Types
 
 from uwserver.recording.recorder import Recorder

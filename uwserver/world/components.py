@@ -108,7 +108,7 @@ def computed(pictures: Iterable[Loose]) -> tuple[tuple[Value, ...], ...]:
     return tuple([settled(loose) for loose in pictures])
 
 
-class Sources(Struct, frozen=True):
+class CommandHistory(Struct, frozen=True):
     """Which source commanded an actuator, when another source did so, and how many conflicts and time-outs there were."""
 
     source: Annotated[str, Meta(max_length=4096)] = ""
@@ -125,11 +125,11 @@ class ActuatorState(State, frozen=True):
     last_tick: Tick
     last_value: Items
     memory: bytes
-    sources: Sources
+    sources: CommandHistory
 
     def deciding(self) -> ActuatorState:
         """Leave the sources out: they do not change the run."""
-        return structs.replace(self, sources=Sources())
+        return structs.replace(self, sources=CommandHistory())
 
 
 @dataclass(slots=True, eq=False)
@@ -187,7 +187,7 @@ class ActuatorSlot(Part):
             self.last_tick,
             self.last_value,
             b"" if memory is None else record(memory),
-            Sources(self.source, self.other_tick, self.conflicts, self.timeouts),
+            CommandHistory(self.source, self.other_tick, self.conflicts, self.timeouts),
         )
 
     def check(self, state: Any) -> None:

@@ -140,7 +140,7 @@ def host_and_port(address: str) -> tuple[str, int]:
     return host.strip("[]"), int(port)
 
 
-class Source:
+class DeviceInput:
     """A sensor that a key of the table names. Gives the fields of its samples by name.
 
     Args:
@@ -184,7 +184,7 @@ class Source:
 
 
 def set_at_sensor(
-    context: AdapterContext, source: Source, settings: Mapping[str, object], done: Callable[[str], None]
+    context: AdapterContext, source: DeviceInput, settings: Mapping[str, object], done: Callable[[str], None]
 ) -> None:
     """Call the service `set` of a sensor.
 

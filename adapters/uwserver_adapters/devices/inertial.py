@@ -14,7 +14,7 @@ from uwserver.frames import Quat, Vec3, rpy_from_quat
 from uwserver.ports import Sample
 from uwserver.table import Name
 from uwserver_adapters.devices.codec import NANOSECONDS, instant
-from uwserver_adapters.devices.device import DeviceTable, Source
+from uwserver_adapters.devices.device import DeviceInput, DeviceTable
 
 GPS_ZERO = datetime(1980, 1, 6, tzinfo=timezone.utc)
 LEAP_S = 18
@@ -130,10 +130,10 @@ class InertialDevice:
     def __init__(self, table: InertialTable, context: AdapterContext) -> None:
         self._context = context
         ports = context.ports
-        self._imu = Source("imu", table.imu, ports, ("f_S", "w_S"), ("temperature",))
-        self._attitude = Source("attitude", table.attitude, ports, ("q_NS",))
-        self._field = Source("magnetometer", table.magnetometer, ports, ("field_S",)) if table.magnetometer else None
-        self._gps = Source("gps", table.gps, ports, _FIX, _ACCURACIES) if table.gps else None
+        self._imu = DeviceInput("imu", table.imu, ports, ("f_S", "w_S"), ("temperature",))
+        self._attitude = DeviceInput("attitude", table.attitude, ports, ("q_NS",))
+        self._field = DeviceInput("magnetometer", table.magnetometer, ports, ("field_S",)) if table.magnetometer else None
+        self._gps = DeviceInput("gps", table.gps, ports, _FIX, _ACCURACIES) if table.gps else None
         sources = (self._imu, self._attitude, self._field, self._gps)
         self.wanted: Collection[str] = {source.path for source in sources if source is not None}
         self._periods: dict[int, int] = {}

@@ -15,7 +15,7 @@ from uwserver.frames import Vec3
 from uwserver.ports import Sample
 from uwserver.table import Name, Positive
 from uwserver_adapters.devices.codec import NANOSECONDS, checksum, deg, instant, sentence
-from uwserver_adapters.devices.device import DeviceTable, LineReader, Reply, Source
+from uwserver_adapters.devices.device import DeviceInput, DeviceTable, LineReader, Reply
 
 LINE_LIMIT = 1024
 """Longest line of a peer, bytes. A sentence has 82."""
@@ -153,7 +153,7 @@ class Nmea0183:
         self._table, self._context = table, context
         self._period_ns = round(NANOSECONDS / table.rate_hz)
         self._water, self._ground = _Log(), _Log()
-        self._sources: dict[str, list[tuple[str, Source, list[Sentence]]]] = {}
+        self._sources: dict[str, list[tuple[str, DeviceInput, list[Sentence]]]] = {}
         self._due: dict[str, int] = {}
         self._write: dict[Sentence, Callable[[Mapping[str, Any], datetime], Iterable[str]]] = {
             "GGA": _gga, "RMC": _rmc, "VTG": _vtg, "GLL": _gll, "ZDA": _zda, "HDT": _hdt, "DBT": _dbt, "DPT": self._dpt,
@@ -162,7 +162,7 @@ class Nmea0183:
         for role, (_, needed, optional, sentences) in _ROLES.items():
             path = getattr(table, role)
             if path is not None:
-                source = Source(role, path, context.ports, needed, optional)
+                source = DeviceInput(role, path, context.ports, needed, optional)
                 chosen = [kind for kind in sentences if not table.sentences or kind in table.sentences]
                 self._sources.setdefault(source.path, []).append((role, source, chosen))
             elif missing := [kind for kind in table.sentences if kind in sentences]:

@@ -17,7 +17,7 @@ from uwserver.ports import Reply as Answer
 from uwserver.table import Name, Positive
 from uwserver_adapters.devices import oculus_messages as wire
 from uwserver_adapters.devices.codec import NANOSECONDS, deg
-from uwserver_adapters.devices.device import DeviceTable, Reply, Report, Source
+from uwserver_adapters.devices.device import DeviceInput, DeviceTable, Reply, Report
 from uwserver_adapters.devices.oculus_messages import Fire, OculusMessage, OculusReader, Ping
 
 MODELS: Mapping[str, tuple[int, float, float]] = {
@@ -66,11 +66,11 @@ class Oculus:
 
     def __init__(self, table: OculusTable, context: AdapterContext) -> None:
         self._table, self._context = table, context
-        self._source = Source("sonar", table.sonar, context.ports, ("image", "range", "azimuth"), ("range_start",))
+        self._source = DeviceInput("sonar", table.sonar, context.ports, ("image", "range", "azimuth"), ("range_start",))
         picture = next(field for field in context.ports[self._source.path].fields if field.name == "image")
         if picture.buffer is not UNSET and picture.buffer.dtype != "uint8":
             raise CannotServe(f'sonar: "{table.sonar}" gives {picture.buffer}: an Oculus needs output = "counts"')
-        self._attitude = Source("attitude", table.attitude, context.ports, ("q_NS",)) if table.attitude else None
+        self._attitude = DeviceInput("attitude", table.attitude, context.ports, ("q_NS",)) if table.attitude else None
         self.wanted: Collection[str] = {self._source.path} | ({self._attitude.path} if self._attitude else set())
         service = context.services.get(f"{self._source.path}/set")
         self._arguments = {} if service is None else {argument.name: argument for argument in service.arguments}

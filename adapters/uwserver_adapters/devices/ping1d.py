@@ -14,7 +14,7 @@ from uwserver.ports import Sample
 from uwserver.table import Name
 from uwserver_adapters.devices import ping_protocol as ping
 from uwserver_adapters.devices.codec import NANOSECONDS
-from uwserver_adapters.devices.device import DeviceTable, Reply, Source, set_at_sensor
+from uwserver_adapters.devices.device import DeviceInput, DeviceTable, Reply, set_at_sensor
 
 MILLIMETRES = 1000.0
 SET_DEVICE_ID, SET_RANGE, SET_SPEED_OF_SOUND, SET_MODE_AUTO = 1000, 1001, 1002, 1003
@@ -79,7 +79,7 @@ class Ping1D(ping.PingDevice):
     def __init__(self, table: Ping1DTable, context: AdapterContext) -> None:
         super().__init__(1)
         self._context = context
-        self._source = Source("sensor", table.sensor, context.ports, ("range", "confidence"))
+        self._source = DeviceInput("sensor", table.sensor, context.ports, ("range", "confidence"))
         self.wanted: Collection[str] = (self._source.path,)
         self.settings = Settings(ping_interval=round(1000.0 / self._source.rate_hz))
         self._number = self._distance = self._confidence = 0

@@ -16,7 +16,7 @@ from uwserver.ports import Sample
 from uwserver.table import Name, Positive
 from uwserver_adapters.devices import ping_protocol as ping
 from uwserver_adapters.devices.codec import rad
-from uwserver_adapters.devices.device import DeviceTable, Reply, Source, set_at_sensor
+from uwserver_adapters.devices.device import DeviceInput, DeviceTable, Reply, set_at_sensor
 
 SET_DEVICE_ID, DEVICE_DATA, AUTO_DEVICE_DATA = 2000, 2300, 2301
 RESET, TRANSDUCER, AUTO_TRANSMIT, MOTOR_OFF = 2600, 2601, 2602, 2903
@@ -128,7 +128,7 @@ class Ping360(ping.PingDevice):
         super().__init__(2)
         self._table = table
         self._context = context
-        self._source = Source("sensor", table.sensor, context.ports, ("head_angle", "range", "gain", "bins"))
+        self._source = DeviceInput("sensor", table.sensor, context.ports, ("head_angle", "range", "gain", "bins"))
         service = context.services.get(f"{self._source.path}/set")
         if service is None:
             raise CannotServe(f'sensor: "{table.sensor}" has no service "set": name a sensor of kind scanning_sonar')

@@ -15,7 +15,7 @@ from uwserver.ports import Sample
 from uwserver.table import Name, Table
 from uwserver_adapters.devices import seatrac_messages as wire
 from uwserver_adapters.devices.codec import NANOSECONDS
-from uwserver_adapters.devices.device import DeviceTable, Garbage, LineReader, Reply, Source
+from uwserver_adapters.devices.device import DeviceInput, DeviceTable, Garbage, LineReader, Reply
 from uwserver_adapters.devices.seatrac_datagrams import Datagrams
 from uwserver_adapters.devices.seatrac_messages import Found, Local, SeaTracMessage, encode
 
@@ -70,8 +70,8 @@ class _BeaconSensors:
 
     def __init__(self, role: str, attitude: str | None, depth: str | None, context: AdapterContext) -> None:
         ports = context.ports
-        self._attitude = Source(f"{role}attitude", attitude, ports, ("q_NS",)) if attitude else None
-        self._depth = Source(f"{role}depth", depth, ports, ("depth",), ("temperature", "pressure")) if depth else None
+        self._attitude = DeviceInput(f"{role}attitude", attitude, ports, ("q_NS",)) if attitude else None
+        self._depth = DeviceInput(f"{role}depth", depth, ports, ("depth",), ("temperature", "pressure")) if depth else None
         self.wanted = {source.path for source in (self._attitude, self._depth) if source is not None}
         self.local = Local()
 
@@ -117,7 +117,7 @@ class SeaTrac:
 
     def __init__(self, table: SeaTracTable, context: AdapterContext) -> None:
         self._table = table
-        self._usbl = Source("usbl", table.usbl, context.ports, _FIX)
+        self._usbl = DeviceInput("usbl", table.usbl, context.ports, _FIX)
         self._own = _BeaconSensors("", table.attitude, table.depth, context)
         self._others = {
             name: _BeaconSensors(f"beacons.{name}.", beacon.attitude, beacon.depth, context)

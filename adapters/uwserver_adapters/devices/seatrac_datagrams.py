@@ -11,7 +11,7 @@ from uwserver.frames import rotate
 from uwserver.ports import Buffer, Progress, Refused, Sample
 from uwserver.ports import Reply as Answer
 from uwserver_adapters.devices import seatrac_messages as wire
-from uwserver_adapters.devices.device import Reply, Source
+from uwserver_adapters.devices.device import DeviceInput, Reply
 from uwserver_adapters.devices.seatrac_messages import Found, Local, SeaTracMessage, encode
 
 LONGEST = 31
@@ -39,7 +39,7 @@ class Datagrams:
     def __init__(self, own: int, modem: str, context: AdapterContext) -> None:
         self._own, self._context = own, context
         fields = ("event", "source", "destination", "data", "range", "bearing", "elevation")
-        self._heard = Source("modem", f"{modem}/received", context.ports, fields)
+        self._heard = DeviceInput("modem", f"{modem}/received", context.ports, fields)
         self._port = f"{modem}/send"
         if self._port not in context.ports:
             raise CannotServe(f'modem: there is no port "{self._port}": name a modem, without /send')

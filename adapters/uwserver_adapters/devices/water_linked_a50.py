@@ -15,7 +15,7 @@ from uwserver.ports import Sample
 from uwserver.table import Name, PortNumber, Positive
 from uwserver_adapters.devices.codec import FULL_TURN_DEG, NANOSECONDS, deg, rad
 from uwserver_adapters.devices.dead_reckoning import DeadReckoning
-from uwserver_adapters.devices.device import DeviceTable, LineReader, Reply, Source, set_at_sensor
+from uwserver_adapters.devices.device import DeviceInput, DeviceTable, LineReader, Reply, set_at_sensor
 
 PORT = 16171
 FORMAT = "json_v3.3"
@@ -74,8 +74,8 @@ class WaterLinkedA50:
 
     def __init__(self, table: WaterLinkedA50Table, context: AdapterContext) -> None:
         self._context = context
-        self._source = Source("sensor", table.sensor, context.ports, FIELDS)
-        self._attitude = table.attitude and Source("attitude", table.attitude, context.ports, ("q_NS",))
+        self._source = DeviceInput("sensor", table.sensor, context.ports, FIELDS)
+        self._attitude = table.attitude and DeviceInput("attitude", table.attitude, context.ports, ("q_NS",))
         self.wanted: Collection[str] = {source.path for source in (self._source, self._attitude) if source}
         self.configuration = Configuration(speed_of_sound=table.speed_of_sound_mps)
         self.reckoning = DeadReckoning()
@@ -232,7 +232,7 @@ class WaterLinkedA50:
             "time_of_validity": (epoch + sample.t_ns) // MICROSECOND, "time_of_transmission": (epoch + sample.t_sent_ns) // MICROSECOND,
         }  # fmt: skip
 
-    def _see_attitude(self, source: Source, sample: Sample) -> list[bytes]:
+    def _see_attitude(self, source: DeviceInput, sample: Sample) -> list[bytes]:
         if not sample.valid:
             return []
         self.reckoning.see_attitude(sample.t_ns, cast(Quat, source.values(sample)["q_NS"]))

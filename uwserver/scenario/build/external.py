@@ -18,7 +18,7 @@ from uwserver.world.components import ActuatorSlot, SensorStream
 from uwserver.world.external.body import External
 from uwserver.world.external.motion import LiveMotion, Moving, RecordedMotion, Shown
 from uwserver.world.external.ports import Difference, ExternalState
-from uwserver.world.external.source import Live, Recorded, Source
+from uwserver.world.external.pose_source import Live, PoseSource, Recorded
 from uwserver.world.external.track import AT_REST, TrackPose
 from uwserver.world.members import Member
 from uwserver.world.sensor_slot import SensorSlot
@@ -33,7 +33,7 @@ STATE_RATE_HZ = 10
 def external_member(world: World, resolved: ResolvedVehicle, row: int, name: str) -> Member:
     """Return an external vehicle, whose body is in a row of the world, with its ports."""
     entry, slots, shown = resolved.entry, list[ActuatorSlot](), moving_parts(resolved)
-    source: Source
+    source: PoseSource
     moving: Moving
     if resolved.track is not None:
         source = Recorded(resolved.track, entry.outside, entry.max_gap_s)
@@ -69,7 +69,7 @@ def moving_parts(resolved: ResolvedVehicle) -> tuple[Shown, ...]:
     return (*map(Shown, file.thrusters), *fins, *map(Shown, file.propellers))
 
 
-def _status_slots(world: World, resolved: ResolvedVehicle, row: int, name: str, source: Source) -> Iterator[SensorSlot]:
+def _status_slots(world: World, resolved: ResolvedVehicle, row: int, name: str, source: PoseSource) -> Iterator[SensorSlot]:
     entry = resolved.entry
     shown: list[tuple[str, str, Sensor]] = [("state", "external", ExternalState(source))]
     if not isinstance(entry.compare_with, UnsetType):

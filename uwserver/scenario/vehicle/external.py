@@ -12,7 +12,7 @@ from uwserver.scenario.world.checks import check_rate
 from uwserver.scenario.world.epoch import instant
 from uwserver.sensors import ModemTable
 from uwserver.table import Name, NonNegative, Positive, Table, Vector3
-from uwserver.world.external.source import PREDICT_S
+from uwserver.world.external.pose_source import PREDICT_S
 from uwserver.world.external.track import MAX_GAP_S
 
 Part = Annotated[float, Meta(ge=0.0, le=1.0)]

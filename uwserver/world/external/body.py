@@ -12,7 +12,7 @@ from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.layout import NU, P, Q
 from uwserver.ports import NOWHERE_M, Sample
 from uwserver.world.external.motion import Bytes, Moving
-from uwserver.world.external.source import Source
+from uwserver.world.external.pose_source import PoseSource
 from uwserver.world.part import Stage, Stateless
 
 NOTHING_MOVES: Bytes = np.zeros(0, np.int8)
@@ -27,13 +27,13 @@ class External(Stateless):
     """Moves a body to the pose that its source gives, after each step of the kernel.
 
     If the pose is not known, the body is nowhere: high above the water, where no ray and no contact finds it (`NOWHERE_M`). The part has no
-    state of its own: the pose stands in the arrays of the bodies, and a live source keeps its newest pose (`source.Heard`).
+    state of its own: the pose stands in the arrays of the bodies, and a live source keeps its newest pose (`pose_source.Heard`).
     """
 
     stage: ClassVar[Stage] = Stage.FORCES
 
     def __init__(
-        self, name: str, hydro: Hydrodynamics, row: int, source: Source, ghost: bool, moving: Moving | None = None
+        self, name: str, hydro: Hydrodynamics, row: int, source: PoseSource, ghost: bool, moving: Moving | None = None
     ) -> None:
         """Take over a body that was added with `led_params`.
 

@@ -8,7 +8,7 @@ from uwserver.frames import conjugate, multiply, rpy_from_quat
 from uwserver.ports import Field, Value
 from uwserver.sensors.base import IdealSensor, Scope, blank
 from uwserver.world.external.body import is_nowhere
-from uwserver.world.external.source import Source
+from uwserver.world.external.pose_source import PoseSource
 
 
 class ExternalState(IdealSensor):
@@ -24,7 +24,7 @@ class ExternalState(IdealSensor):
         Field("count", "1", "number of poses from the source so far", type="int"),
     )
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: PoseSource) -> None:
         super().__init__()
         self._source = source
 

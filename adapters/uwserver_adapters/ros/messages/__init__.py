@@ -9,9 +9,9 @@ from __future__ import annotations
 from uwserver_adapters.ros.messages.actions import CANCELING, EXECUTING, Action, end_of
 from uwserver_adapters.ros.messages.catalogue import CLOCK, TF_STATIC, Catalogue
 from uwserver_adapters.ros.messages.commands import Inlet, Value
+from uwserver_adapters.ros.messages.ros_port import Facts, Mount, Outlet, mounts_of
 from uwserver_adapters.ros.messages.services import Ask, Errand, Offer
 from uwserver_adapters.ros.messages.settings import Setting
-from uwserver_adapters.ros.messages.source import Facts, Mount, Outlet, mounts_of
 from uwserver_adapters.ros.messages.types import DISTROS, BadMessage, Types, full_name
 
 __all__ = [

@@ -11,8 +11,8 @@ from uwserver.ports import Fault, Json, Service
 from uwserver_adapters.ros.messages.codec import heading_deg
 from uwserver_adapters.ros.messages.commands import pose_in_map
 from uwserver_adapters.ros.messages.entities import reason, result_of
+from uwserver_adapters.ros.messages.ros_port import ros_name
 from uwserver_adapters.ros.messages.services import Ask, json_value
-from uwserver_adapters.ros.messages.source import ros_name
 from uwserver_adapters.ros.messages.types import BadMessage, Types
 
 EXECUTING, CANCELING, SUCCEEDED, CANCELED, ABORTED = 2, 3, 4, 5, 6

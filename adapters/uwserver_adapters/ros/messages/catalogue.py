@@ -11,14 +11,14 @@ from uwserver_adapters.ros.messages import acoustic, codec, motion, onboard, wat
 from uwserver_adapters.ros.messages.actions import Action, actions
 from uwserver_adapters.ros.messages.commands import Inlet, inlets
 from uwserver_adapters.ros.messages.generated import generated
+from uwserver_adapters.ros.messages.ros_port import Facts, Outlet, RosPort
 from uwserver_adapters.ros.messages.services import Offer, offers
 from uwserver_adapters.ros.messages.settings import Setting, settings
 from uwserver_adapters.ros.messages.simulation import simulation
-from uwserver_adapters.ros.messages.source import Facts, Outlet, Source
 from uwserver_adapters.ros.messages.transforms import static_transforms
 from uwserver_adapters.ros.messages.types import Types
 
-MESSAGES: Mapping[str, Callable[[Source], Iterator[Outlet]]] = {
+MESSAGES: Mapping[str, Callable[[RosPort], Iterator[Outlet]]] = {
     "Range": acoustic.altimeter,
     "Attitude": codec.attitude_sensor,
     "Estimate": motion.estimate,
@@ -105,9 +105,9 @@ class Catalogue:
 
 def topics_of(types: Types, facts: Facts, port: Port) -> list[Outlet]:
     """The topics of one sensor: of standard messages, or where its fields do not fit any, of a generated one."""
-    source = Source(types, facts, port)
+    ros_port = RosPort(types, facts, port)
     table = MESSAGES.get(port.message or "", generated)
     try:
-        return list(table(source))
+        return list(table(ros_port))
     except ValueError:  # it lacks a field
-        return list(generated(source))
+        return list(generated(ros_port))

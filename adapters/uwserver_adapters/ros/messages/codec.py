@@ -9,36 +9,36 @@ from uwserver.ports import Sample
 from uwserver.units import deg
 from uwserver_adapters.ros.messages.frames import attitude, enu
 from uwserver_adapters.ros.messages.motion import NOT_MEASURED, twist_stamped
-from uwserver_adapters.ros.messages.source import Outlet, Source, diagonal, number, unknown
+from uwserver_adapters.ros.messages.ros_port import Outlet, RosPort, diagonal, number, unknown
 
 
-def attitude_sensor(source: Source) -> Iterator[Outlet]:
+def attitude_sensor(ros_port: RosPort) -> Iterator[Outlet]:
     """Yield an Imu that holds only an orientation, and the compass heading as mavros publishes it."""
-    types, none, spread = source.types, unknown(), diagonal(*source.variances("q_NS"))
+    types, none, spread = ros_port.types, unknown(), diagonal(*ros_port.variances("q_NS"))
 
     def make(sample: Sample, q: Any) -> object:
         return types.make(
-            "sensor_msgs/msg/Imu", header=source.header(sample), orientation=types.quaternion(attitude(q)),
+            "sensor_msgs/msg/Imu", header=ros_port.header(sample), orientation=types.quaternion(attitude(q)),
             orientation_covariance=spread, angular_velocity_covariance=none, linear_acceleration_covariance=none,
         )  # fmt: skip
 
     def compass(_: Sample, heading: float) -> object:
         return types.make("std_msgs/msg/Float64", data=deg(heading))
 
-    yield source.outlet("", "sensor_msgs/msg/Imu", source.complete(("q_NS",), make))
-    yield source.outlet("/compass_hdg", "std_msgs/msg/Float64", source.complete(("heading",), compass))
+    yield ros_port.outlet("", "sensor_msgs/msg/Imu", ros_port.complete(("q_NS",), make))
+    yield ros_port.outlet("/compass_hdg", "std_msgs/msg/Float64", ros_port.complete(("heading",), compass))
 
 
-def gps(source: Source) -> Iterator[Outlet]:
+def gps(ros_port: RosPort) -> Iterator[Outlet]:
     """Yield a NavSatFix, also while there is no fix, and the velocity in ENU axes."""
-    types, geoid = source.types, source.facts.geoid_m
-    get = source.bind("latitude", "longitude", "height", "horizontal_accuracy", "vertical_accuracy", "fix")
+    types, geoid = ros_port.types, ros_port.facts.geoid_m
+    get = ros_port.bind("latitude", "longitude", "height", "horizontal_accuracy", "vertical_accuracy", "fix")
 
     def make(sample: Sample) -> object:
         latitude, longitude, height, horizontal, vertical, fix = get(sample.value)
         has_fix = sample.valid and bool(fix) and None not in (latitude, longitude, height)
         status = types.make("sensor_msgs/msg/NavSatStatus", status=0 if has_fix else -1, service=1)
-        header = source.header(sample)
+        header = ros_port.header(sample)
         if not has_fix:
             nan = float("nan")
             return types.make(
@@ -54,11 +54,11 @@ def gps(source: Source) -> Iterator[Outlet]:
         variance = number(accuracy) ** 2
         # A receiver does not measure rates of turn.
         spread = diagonal(variance, variance, variance, *(NOT_MEASURED,) * 3)
-        return twist_stamped(source, sample, enu(v), spread, "map")
+        return twist_stamped(ros_port, sample, enu(v), spread, "map")
 
-    yield source.outlet("", "sensor_msgs/msg/NavSatFix", make)
-    vel = source.complete(("v_NS",), velocity, ("velocity_accuracy",))
-    yield source.outlet("/vel", "geometry_msgs/msg/TwistWithCovarianceStamped", vel)
+    yield ros_port.outlet("", "sensor_msgs/msg/NavSatFix", make)
+    vel = ros_port.complete(("v_NS",), velocity, ("velocity_accuracy",))
+    yield ros_port.outlet("/vel", "geometry_msgs/msg/TwistWithCovarianceStamped", vel)
 
 
 def heading_deg(heading: float) -> float:

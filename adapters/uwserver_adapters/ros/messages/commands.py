@@ -11,7 +11,7 @@ from uwserver.frames import Quat, Vec3, rpy_from_quat
 from uwserver.ports import Port
 from uwserver_adapters.ros.messages.frames import attitude, enu, flu
 from uwserver_adapters.ros.messages.generated import definition, field_name, generated_type
-from uwserver_adapters.ros.messages.source import ros_name
+from uwserver_adapters.ros.messages.ros_port import ros_name
 from uwserver_adapters.ros.messages.types import BadMessage, Types
 
 Value = Mapping[str, object]

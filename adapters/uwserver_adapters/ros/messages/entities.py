@@ -12,8 +12,8 @@ from uwserver.frames import Quat, Vec3, rotate
 from uwserver.ports import Fault, Refused, Reply, Sample, SceneState
 from uwserver_adapters.ros.messages.commands import check_frame, parts, q_NB_of
 from uwserver_adapters.ros.messages.frames import attitude, enu
+from uwserver_adapters.ros.messages.ros_port import Facts
 from uwserver_adapters.ros.messages.services import Answered, Errand
-from uwserver_adapters.ros.messages.source import Facts
 from uwserver_adapters.ros.messages.types import BadMessage, Types
 
 UNSUPPORTED, OK, NOT_FOUND, WRONG_STATE, FAILED = range(5)

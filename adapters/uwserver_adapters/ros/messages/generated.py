@@ -9,26 +9,26 @@ from typing import Any
 import numpy as np
 
 from uwserver.ports import Buffer, Field, Port, Sample
-from uwserver_adapters.ros.messages.source import Outlet, Source, number, numbers
+from uwserver_adapters.ros.messages.ros_port import Outlet, RosPort, number, numbers
 from uwserver_adapters.ros.messages.types import Types
 
 _TYPES = {"float": "float64", "int": "int64", "bool": "bool", "str": "string", "bytes": "uint8"}
 
 
-def generated(source: Source) -> Iterator[Outlet]:
+def generated(ros_port: RosPort) -> Iterator[Outlet]:
     """Yield a message with every field as it is: N and FRD axes, SI units, NaN for missing values.
 
     ``valid`` says whether the sensor could measure.
     """
-    types, port = source.types, source.port
+    types, port = ros_port.types, ros_port.port
     name = generated_type(types, port, definition(port))
     names = [field_name(field) for field in port.fields]
 
     def make(sample: Sample) -> object | None:
         values = {key: _value(field, value) for key, field, value in zip(names, port.fields, sample.value, strict=True)}
-        return types.make(name, header=source.header(sample), valid=sample.valid, seq=sample.seq, **values)
+        return types.make(name, header=ros_port.header(sample), valid=sample.valid, seq=sample.seq, **values)
 
-    yield source.outlet("", name, make)
+    yield ros_port.outlet("", name, make)
 
 
 def generated_type(types: Types, port: Port, text: str, suffix: str = "") -> str:

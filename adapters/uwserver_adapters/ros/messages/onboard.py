@@ -10,14 +10,14 @@ import numpy as np
 
 from uwserver.ports import Sample, Value
 from uwserver_adapters.ros.messages.frames import flu
-from uwserver_adapters.ros.messages.source import Mount, Outlet, Source, number, numbers
+from uwserver_adapters.ros.messages.ros_port import Mount, Outlet, RosPort, number, numbers
 
 _NAN = math.nan
 
 
-def range_array(source: Source) -> Iterator[Outlet]:
+def range_array(ros_port: RosPort) -> Iterator[Outlet]:
     """Yield a LaserScan. Its angles grow counter-clockwise and ours clockwise, so the order is reversed. No return is +inf (REP-117)."""
-    types, beams = source.types, (source.mount or Mount()).beams
+    types, beams = ros_port.types, (ros_port.mount or Mount()).beams
     angles = [-math.atan2(beam.direction[1], beam.direction[0]) for beam in reversed(beams)]
     first, last = (angles[0], angles[-1]) if angles else (0.0, 0.0)
     step = (last - first) / (len(angles) - 1) if len(angles) > 1 else 0.0
@@ -27,26 +27,26 @@ def range_array(source: Source) -> Iterator[Outlet]:
         if ranges is None:
             return None
         return types.make(
-            "sensor_msgs/msg/LaserScan", header=source.header(sample), angle_min=first, angle_max=last,
-            angle_increment=step, scan_time=1.0 / source.port.rate_hz if source.port.rate_hz else 0.0, range_min=near,
+            "sensor_msgs/msg/LaserScan", header=ros_port.header(sample), angle_min=first, angle_max=last,
+            angle_increment=step, scan_time=1.0 / ros_port.port.rate_hz if ros_port.port.rate_hz else 0.0, range_min=near,
             range_max=far, ranges=np.array([math.inf if part is None else part for part in reversed(ranges)], np.float32),
         )  # fmt: skip
 
-    yield source.outlet("", "sensor_msgs/msg/LaserScan", source.complete((), make, ("ranges",)))
+    yield ros_port.outlet("", "sensor_msgs/msg/LaserScan", ros_port.complete((), make, ("ranges",)))
 
 
-def _flag(source: Source, suffix: str, field: str, latched: bool) -> Outlet:
+def _flag(ros_port: RosPort, suffix: str, field: str, latched: bool) -> Outlet:
     """Return a topic with one field as a Bool."""
 
     def make(_: Sample, value: Value) -> object:
-        return source.types.make("std_msgs/msg/Bool", data=bool(value))
+        return ros_port.types.make("std_msgs/msg/Bool", data=bool(value))
 
-    return source.outlet(suffix, "std_msgs/msg/Bool", source.complete((), make, (field,)), latched)
+    return ros_port.outlet(suffix, "std_msgs/msg/Bool", ros_port.complete((), make, (field,)), latched)
 
 
-def contact(source: Source) -> Iterator[Outlet]:
+def contact(ros_port: RosPort) -> Iterator[Outlet]:
     """Yield whether the hull touches something, and the mean contact force of the tick in base_link."""
-    types, dt = source.types, source.facts.tick_s
+    types, dt = ros_port.types, ros_port.facts.tick_s
 
     def wrench(sample: Sample, impulse: tuple[float, ...]) -> object | None:
         if not dt:
@@ -54,34 +54,34 @@ def contact(source: Source) -> Iterator[Outlet]:
         force = types.vector(flu([part / dt for part in impulse]))
         # There is no moment: it would need the lever arm of each contact point.
         made = types.make("geometry_msgs/msg/Wrench", force=force)
-        return types.make("geometry_msgs/msg/WrenchStamped", header=source.header(sample, source.base), wrench=made)
+        return types.make("geometry_msgs/msg/WrenchStamped", header=ros_port.header(sample, ros_port.base), wrench=made)
 
-    yield _flag(source, "/touching", "touching", latched=False)
-    yield source.outlet("", "geometry_msgs/msg/WrenchStamped", source.complete(("impulse_B",), wrench))
+    yield _flag(ros_port, "/touching", "touching", latched=False)
+    yield ros_port.outlet("", "geometry_msgs/msg/WrenchStamped", ros_port.complete(("impulse_B",), wrench))
 
 
-def battery(source: Source) -> Iterator[Outlet]:
+def battery(ros_port: RosPort) -> Iterator[Outlet]:
     """Yield a BatteryState; a current that is drawn is negative."""
 
     def make(sample: Sample, voltage: Value, current: Value, charge: Value) -> object:
         drawn = number(current)
-        return source.types.make(
-            "sensor_msgs/msg/BatteryState", header=source.header(sample), voltage=number(voltage), current=-drawn,
+        return ros_port.types.make(
+            "sensor_msgs/msg/BatteryState", header=ros_port.header(sample), voltage=number(voltage), current=-drawn,
             temperature=_NAN, charge=_NAN, capacity=_NAN, design_capacity=_NAN, percentage=number(charge),
             power_supply_status=2 if drawn > 0 else 3, power_supply_technology=0, present=True,
         )  # fmt: skip
 
-    yield source.outlet("", "sensor_msgs/msg/BatteryState", source.complete((), make, ("voltage", "current", "charge")))
+    yield ros_port.outlet("", "sensor_msgs/msg/BatteryState", ros_port.complete((), make, ("voltage", "current", "charge")))
 
 
-def leak(source: Source) -> Iterator[Outlet]:
+def leak(ros_port: RosPort) -> Iterator[Outlet]:
     """Yield whether there is a leak, as a Bool."""
-    yield _flag(source, "", "leak", latched=True)
+    yield _flag(ros_port, "", "leak", latched=True)
 
 
-def rpm(source: Source) -> Iterator[Outlet]:
+def rpm(ros_port: RosPort) -> Iterator[Outlet]:
     """Yield a JointState with velocities only, rad/s, under the names of the thrusters."""
-    (field,) = (field for field in source.port.fields if field.name == "speeds")
+    (field,) = (field for field in ros_port.port.fields if field.name == "speeds")
     # The names stand in the text of the field.
     _, _, order = field.doc.partition("order: ")
     names = [name.strip() for name in order.split(",")] if order else []
@@ -91,17 +91,17 @@ def rpm(source: Source) -> Iterator[Outlet]:
         if speeds is None:
             return None
         told = numbers(speeds if isinstance(speeds, tuple) else (speeds,))
-        return source.types.make("sensor_msgs/msg/JointState", header=source.header(sample), name=names, velocity=told)
+        return ros_port.types.make("sensor_msgs/msg/JointState", header=ros_port.header(sample), name=names, velocity=told)
 
-    yield source.outlet("", "sensor_msgs/msg/JointState", source.complete((), make, ("speeds",)))
+    yield ros_port.outlet("", "sensor_msgs/msg/JointState", ros_port.complete((), make, ("speeds",)))
 
 
-def clock(source: Source) -> Iterator[Outlet]:
+def clock(ros_port: RosPort) -> Iterator[Outlet]:
     """Yield a TimeReference: the device's time against simulation time."""
-    types, path = source.types, source.port.path
+    types, path = ros_port.types, ros_port.port.path
 
     def make(sample: Sample, utc_ns: int) -> object:
         time = types.stamp(utc_ns)
-        return types.make("sensor_msgs/msg/TimeReference", header=source.header(sample), time_ref=time, source=path)
+        return types.make("sensor_msgs/msg/TimeReference", header=ros_port.header(sample), time_ref=time, ros_port=path)
 
-    yield source.outlet("", "sensor_msgs/msg/TimeReference", source.complete(("utc_ns",), make))
+    yield ros_port.outlet("", "sensor_msgs/msg/TimeReference", ros_port.complete(("utc_ns",), make))

@@ -10,7 +10,7 @@ from typing import Any
 from uwserver.adapter import Conversation, Undecodable, decode
 from uwserver.ports import Argument, Fault, Json, Service
 from uwserver_adapters.ros.messages.generated import camel
-from uwserver_adapters.ros.messages.source import ros_name
+from uwserver_adapters.ros.messages.ros_port import ros_name
 from uwserver_adapters.ros.messages.types import BadMessage, Types
 
 TRIGGER, SET_BOOL, CALL = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool", "uwserver_msgs/srv/Call"

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from uwserver.ports import Argument, Service
+from uwserver_adapters.ros.messages.ros_port import ros_name
 from uwserver_adapters.ros.messages.services import Ask
-from uwserver_adapters.ros.messages.source import ros_name
 from uwserver_adapters.ros.messages.types import BadMessage
 
 NOT_SET, BOOL, INTEGER, DOUBLE, STRING = range(5)

@@ -22,8 +22,8 @@ from uwserver_adapters.ros.messages.entities import (
     response,
     result_of,
 )
+from uwserver_adapters.ros.messages.ros_port import Facts
 from uwserver_adapters.ros.messages.services import Answered, Ask, Errand, Offer
-from uwserver_adapters.ros.messages.source import Facts
 from uwserver_adapters.ros.messages.types import BadMessage, Types
 
 _STOPPED, _PLAYING, _PAUSED, _QUITTING = range(4)

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from uwserver.frames import Quat
 from uwserver_adapters.ros.messages.frames import BEAM, SONAR, flu, mounted, mounted_unflipped
-from uwserver_adapters.ros.messages.source import Facts, ros_name
+from uwserver_adapters.ros.messages.ros_port import Facts, ros_name
 from uwserver_adapters.ros.messages.types import Types
 
 _FSD: tuple[tuple[str, Quat], ...] = (("_fsd", (1.0, 0.0, 0.0, 0.0)),)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from uwserver_adapters.ros.messages.catalogue import topics_of
-from uwserver_adapters.ros.messages.source import Facts
+from uwserver_adapters.ros.messages.ros_port import Facts
 from uwserver_adapters.ros.messages.types import Types
 
 from uwserver.adapter import installed_adapters

@@ -10,7 +10,7 @@ from uwserver.environment.water import Water
 from uwserver.frames import quat_from_rpy
 from uwserver.sensors.base import Scope
 from uwserver.world.external.ports import Difference, ExternalState
-from uwserver.world.external.source import Live
+from uwserver.world.external.pose_source import Live
 from uwserver.world.external.track import AT_REST, TrackPose
 
 WATER = Water(1025.0, 9.81, 12.0, 101_325.0, (0.0, 0.0, 0.0))

@@ -9,7 +9,7 @@ import pytest
 from uwserver.frames import quat_from_rpy
 from uwserver.ports import Port
 from uwserver.world.external.motion import LiveMotion, Shown
-from uwserver.world.external.source import Live
+from uwserver.world.external.pose_source import Live
 
 LAT, LON = 630_000_000, 100_000_000
 EAST = quat_from_rpy(0.0, 0.0, math.pi / 2)

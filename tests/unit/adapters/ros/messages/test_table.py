@@ -18,7 +18,7 @@ from uwserver_adapters.ros.messages import DISTROS, BadMessage, Facts, Mount, Ty
 from uwserver_adapters.ros.messages.acoustic import scanning_sonar
 from uwserver_adapters.ros.messages.frames import attitude, covariance, enu, flu
 from uwserver_adapters.ros.messages.plain import built, plain
-from uwserver_adapters.ros.messages.source import Source, mounts_of
+from uwserver_adapters.ros.messages.ros_port import RosPort, mounts_of
 from uwserver_adapters.ros.messages.types import dds_name, full_name
 
 from uwserver.frames import matrix, multiply, quat_from_rpy, rotate
@@ -381,7 +381,7 @@ def test_soundings_are_travel_times_and_angles_too(made, told):
 def test_pressures_are_floats_and_complex_echoes_have_no_message(made):
     counts = PORTS["rov/sonar"]
     loud = structs.replace(counts, fields=(*counts.fields[:3], Field("bins", "Pa", "amplitude", shape=(4,))))
-    (outlet,) = scanning_sonar(Source(made.types, made.facts, loud))
+    (outlet,) = scanning_sonar(RosPort(made.types, made.facts, loud))
     image = outlet.make(sample(counts, bins=(0.25, 300.0, 0.0, 1e-3))).image
     assert (image.dtype, image.beam_count) == (8, 1)
     assert image.data.view(np.float32).tolist() == pytest.approx([0.25, 300.0, 0.0, 1e-3])
@@ -459,14 +459,14 @@ def test_the_truth_moves_frames_only_where_it_is_asked_for():
 
 
 def test_streams_share_the_mount_of_their_sensor():
-    from uwserver_adapters.ros.messages.source import Source, ros_name
+    from uwserver_adapters.ros.messages.ros_port import RosPort, ros_name
 
     port = PORTS["rov/imu"]
     stream = type(port)("rov/imu/ideal", *[getattr(port, name) for name in port.__struct_fields__[1:]])
-    assert Source(Types(), FACTS, stream).frame == "rov/imu"
+    assert RosPort(Types(), FACTS, stream).frame == "rov/imu"
     # Its errors are its own, which nobody tells.
-    assert Source(Types(), FACTS, stream).variances("w_S") == (0.0, 0.0, 0.0)
-    assert Source(Types(), FACTS, port).variances("w_S") == pytest.approx((1e-4,) * 3)
+    assert RosPort(Types(), FACTS, stream).variances("w_S") == (0.0, 0.0, 0.0)
+    assert RosPort(Types(), FACTS, port).variances("w_S") == pytest.approx((1e-4,) * 3)
     assert ros_name("rov-1/2nd imu") == "rov_1/_2nd_imu"
     assert Mount().sigmas == {}
 

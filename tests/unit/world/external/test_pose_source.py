@@ -10,7 +10,7 @@ import pytest
 from uwserver.frames import quat_from_rpy, rpy_from_quat
 from uwserver.ports.checks import checked_command
 from uwserver.ports.values import Port
-from uwserver.world.external.source import Heard, Live, Recorded
+from uwserver.world.external.pose_source import Heard, Live, Recorded
 from uwserver.world.external.track import AT_REST, PoseTrack, TrackPose
 
 MS = 1_000_000

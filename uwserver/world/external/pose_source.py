@@ -31,7 +31,7 @@ PREDICT_S = 0.2
 """If nothing newer comes, a body keeps its velocity for so long: the time between two poses of a source of 5 Hz."""
 
 
-class Source(Protocol):
+class PoseSource(Protocol):
     """Gives the pose of a body."""
 
     def at(self, t_ns: int) -> TrackPose | None:
@@ -57,7 +57,7 @@ class Recorded:
         self._stretch: Stretch | None = None
 
     def at(self, t_ns: int) -> TrackPose | None:
-        """See `Source`."""
+        """See `PoseSource`."""
         if self._stretch is None or not self._stretch.holds(t_ns):
             self._stretch = self._track.stretch(t_ns, self._max_gap_s)
         if self._stretch is not None:
@@ -65,12 +65,12 @@ class Recorded:
         return self._track.at(t_ns, self._outside, self._max_gap_s)
 
     def age_s(self, t_ns: int) -> float | None:
-        """See `Source`."""
+        """See `PoseSource`."""
         k = self.count(t_ns)
         return None if k == 0 else (t_ns - int(self._track.t_ns[k - 1])) / NANOSECONDS
 
     def count(self, t_ns: int) -> int:
-        """See `Source`."""
+        """See `PoseSource`."""
         return int(np.searchsorted(self._track.t_ns, t_ns, side="right"))
 
 
@@ -180,7 +180,7 @@ class Live:
         """Do nothing: the body stays at its pose."""
 
     def at(self, t_ns: int) -> TrackPose | None:
-        """See `Source`."""
+        """See `PoseSource`."""
         heard, age = self.memory, self.age_s(t_ns)
         if age is None:
             return None if self._outside == "hide" else self._start
@@ -195,11 +195,11 @@ class Live:
         return TrackPose(p, q, heard.nu if age <= self._predict_s else AT_REST, age)
 
     def age_s(self, t_ns: int) -> float | None:
-        """See `Source`."""
+        """See `PoseSource`."""
         return (t_ns - self.memory.t_ns) / NANOSECONDS if self.memory.count else None
 
     def count(self, t_ns: int) -> int:
-        """See `Source`."""
+        """See `PoseSource`."""
         return self.memory.count
 
 

@@ -98,7 +98,7 @@ def ros_name(path: str) -> str:
     return "/".join(level if level[:1].isalpha() else f"_{level}".replace("__", "_") for level in levels)
 
 
-class Source:
+class RosPort:
     """One sensor port, as the functions that make its topics see it.
 
     Args:
