@@ -27,7 +27,7 @@ class External(Stateless):
     """Moves a body to the pose that its source gives, after each step of the kernel.
 
     If the pose is not known, the body is nowhere: high above the water, where no ray and no contact finds it (`NOWHERE_M`). The part has no
-    state of its own: the pose stands in the arrays of the bodies, and a live source keeps its newest pose (`pose_source.Heard`).
+    state of its own: the pose stands in the arrays of the bodies, and a live source keeps its newest pose (`pose_source.NewestPose`).
     """
 
     stage: ClassVar[Stage] = Stage.FORCES

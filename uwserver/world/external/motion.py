@@ -77,7 +77,7 @@ class RecordedMotion:
         return row
 
 
-class HeardMotion(Struct, frozen=True):
+class NewestOutputs(Struct, frozen=True):
     """The newest outputs: simulation time at which they came (ns; -1 before the first), and the value of each actuator, -1..1."""
 
     t_ns: Annotated[int, Meta(ge=-1, le=2**62)] = -1
@@ -99,22 +99,22 @@ class LiveMotion:
         doc = f"fraction of the full output of each, -1 to 1: {names}"
         self.fields = (Field("u", "1", doc, shape=(len(shown),), minimum=-1.0, maximum=1.0),)
         self._still, self._now_ns = np.zeros(len(shown), np.int8), now_ns
-        self.memory = HeardMotion()
+        self.memory = NewestOutputs()
 
     def apply(self, value: Items) -> None:
         """Take over a checked command."""
         if value[0] is not None:
             u: Any = value[0]
-            self.memory = HeardMotion(self._now_ns(), tuple(float(part) for part in u))
+            self.memory = NewestOutputs(self._now_ns(), tuple(float(part) for part in u))
 
     def neutral(self) -> None:
         """Do nothing: the outputs exert no force."""
 
     def achieved(self, t_ns: int) -> Bytes:
         """See `Moving`."""
-        heard = self.memory
-        is_known = heard.t_ns >= 0 and t_ns - heard.t_ns <= HELD_S * NANOSECONDS and len(heard.u) == len(self._still)
-        return _bytes(np.array(heard.u)) if is_known else self._still
+        newest = self.memory
+        is_known = newest.t_ns >= 0 and t_ns - newest.t_ns <= HELD_S * NANOSECONDS and len(newest.u) == len(self._still)
+        return _bytes(np.array(newest.u)) if is_known else self._still
 
 
 def _rows(shown: Sequence[Shown], motion: Motion) -> Bytes:

@@ -79,7 +79,7 @@ _Part = Annotated[float, Meta(ge=-1.0 - 1e-9, le=1.0 + 1e-9)]
 _Speed = Annotated[float, Meta(ge=-2 * FASTEST_MPS, le=2 * FASTEST_MPS)]
 
 
-class Heard(Struct, frozen=True):
+class NewestPose(Struct, frozen=True):
     """The newest pose that has come.
 
     Attributes:
@@ -140,7 +140,7 @@ class Live:
         """
         self._now_ns, self._start, self._outside = now_ns, start, outside
         self._max_gap_s, self._predict_s = max_gap_s, predict_s
-        self.memory = Heard()
+        self.memory = NewestPose()
 
     def objection(self, value: Items) -> Fault | None:
         """Return why a pose is refused, as a text for the sender; None if it is accepted."""
@@ -174,25 +174,25 @@ class Live:
         nu = _between(before, p, q, passed) if 0.0 < passed <= self._max_gap_s else AT_REST
         linear = nu[:3] if v is None else _numbers(v)
         angular = nu[3:] if w is None else _numbers(w)
-        self.memory = Heard(now, stamp, p, q, (*linear, *angular), before.count + 1)  # type: ignore[arg-type]  # six
+        self.memory = NewestPose(now, stamp, p, q, (*linear, *angular), before.count + 1)  # type: ignore[arg-type]  # six
 
     def neutral(self) -> None:
         """Do nothing: the body stays at its pose."""
 
     def at(self, t_ns: int) -> TrackPose | None:
         """See `PoseSource`."""
-        heard, age = self.memory, self.age_s(t_ns)
+        newest, age = self.memory, self.age_s(t_ns)
         if age is None:
             return None if self._outside == "hide" else self._start
         if age > self._max_gap_s:
-            held = TrackPose(heard.p_NB, heard.q_NB, AT_REST, age)
+            held = TrackPose(newest.p_NB, newest.q_NB, AT_REST, age)
             return None if self._outside == "hide" else held
         ahead = min(age, self._predict_s)
-        v = rotate(heard.q_NB, heard.nu[:3])
-        p = (heard.p_NB[0] + v[0] * ahead, heard.p_NB[1] + v[1] * ahead, heard.p_NB[2] + v[2] * ahead)
-        wx, wy, wz = heard.nu[3:]
-        q = turned(heard.q_NB, (wx * ahead, wy * ahead, wz * ahead))
-        return TrackPose(p, q, heard.nu if age <= self._predict_s else AT_REST, age)
+        v = rotate(newest.q_NB, newest.nu[:3])
+        p = (newest.p_NB[0] + v[0] * ahead, newest.p_NB[1] + v[1] * ahead, newest.p_NB[2] + v[2] * ahead)
+        wx, wy, wz = newest.nu[3:]
+        q = turned(newest.q_NB, (wx * ahead, wy * ahead, wz * ahead))
+        return TrackPose(p, q, newest.nu if age <= self._predict_s else AT_REST, age)
 
     def age_s(self, t_ns: int) -> float | None:
         """See `PoseSource`."""
@@ -208,7 +208,7 @@ def _numbers(item: Any) -> tuple[float, ...]:
     return tuple(item)
 
 
-def _between(before: Heard, p: Vec3, q: Quat, seconds: float) -> tuple[float, ...]:
+def _between(before: NewestPose, p: Vec3, q: Quat, seconds: float) -> tuple[float, ...]:
     """Return the nu that leads from one pose to another in `seconds`."""
     v = [(new - old) / seconds for new, old in zip(p, before.p_NB, strict=True)]
     turn = rotation_vector(before.q_NB, q)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from uwserver.world.external.motion import HeardMotion, LiveMotion, Motion, RecordedMotion, Shown
+from uwserver.world.external.motion import LiveMotion, Motion, NewestOutputs, RecordedMotion, Shown
 
 S = 1_000_000_000
 SHOWN = (Shown("fore"), Shown("aft"), Shown("rudder", math.radians(30.0)))
@@ -47,13 +47,13 @@ def test_a_peer_says_it_by_a_command_that_is_remembered() -> None:
     assert not live.achieved(now[0]).any()
     live.apply(((1.0, -1.0, 0.25),))
     live.apply((None,))
-    assert live.memory == HeardMotion(5 * S, (1.0, -1.0, 0.25))
+    assert live.memory == NewestOutputs(5 * S, (1.0, -1.0, 0.25))
     assert live.achieved(7 * S).tolist() == [127, -127, 32]
     assert not live.achieved(7 * S + 1).any()
 
 
-@pytest.mark.parametrize("heard", [HeardMotion(0, (1.0,)), HeardMotion()])
-def test_what_does_not_fit_the_vehicle_shows_nothing(heard: HeardMotion) -> None:
+@pytest.mark.parametrize("newest", [NewestOutputs(0, (1.0,)), NewestOutputs()])
+def test_what_does_not_fit_the_vehicle_shows_nothing(newest: NewestOutputs) -> None:
     live = LiveMotion(SHOWN, lambda: 0)
-    live.memory = heard
+    live.memory = newest
     assert not live.achieved(1).any()

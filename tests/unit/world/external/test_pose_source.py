@@ -10,7 +10,7 @@ import pytest
 from uwserver.frames import quat_from_rpy, rpy_from_quat
 from uwserver.ports.checks import checked_command
 from uwserver.ports.values import Port
-from uwserver.world.external.pose_source import Heard, Live, Recorded
+from uwserver.world.external.pose_source import Live, NewestPose, Recorded
 from uwserver.world.external.track import AT_REST, PoseTrack, TrackPose
 
 MS = 1_000_000
@@ -125,7 +125,7 @@ def test_a_sender_whose_clock_begins_anew_leaves_the_stamp_out_once():
 def test_what_it_remembers_is_all_that_it_goes_on_from():
     one, two = Rig(), Rig()
     one.tell(100, p_NB=[1, 2, 3], v_NB_B=[1, 2, 3], stamp=9.0)
-    two.live.memory = Heard(**{name: getattr(one.live.memory, name) for name in Heard.__struct_fields__})
+    two.live.memory = NewestPose(**{name: getattr(one.live.memory, name) for name in NewestPose.__struct_fields__})
     assert two.at(170) == one.at(170)
 
 
