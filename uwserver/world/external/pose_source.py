@@ -19,8 +19,8 @@ from uwserver.world.external.track import (
     FASTEST_RADPS,
     MAX_GAP_S,
     Outside,
+    PathSegment,
     PoseTrack,
-    Stretch,
     TrackPose,
     body_velocity,
     rotation_vector,
@@ -54,14 +54,14 @@ class Recorded:
 
     def __init__(self, track: PoseTrack, outside: Outside = "hide", max_gap_s: float = MAX_GAP_S) -> None:
         self._track, self._outside, self._max_gap_s = track, outside, max_gap_s
-        self._stretch: Stretch | None = None
+        self._segment: PathSegment | None = None
 
     def at(self, t_ns: int) -> TrackPose | None:
         """See `PoseSource`."""
-        if self._stretch is None or not self._stretch.holds(t_ns):
-            self._stretch = self._track.stretch(t_ns, self._max_gap_s)
-        if self._stretch is not None:
-            return self._stretch.at(t_ns)
+        if self._segment is None or not self._segment.holds(t_ns):
+            self._segment = self._track.segment(t_ns, self._max_gap_s)
+        if self._segment is not None:
+            return self._segment.at(t_ns)
         return self._track.at(t_ns, self._outside, self._max_gap_s)
 
     def age_s(self, t_ns: int) -> float | None:

@@ -97,15 +97,15 @@ class PoseTrack:
             outside: what holds before the first pose and after the last one.
             max_gap_s: between poses that are farther apart in time, the body is nowhere, or held at the earlier one.
         """
-        stretch = self.stretch(t_ns, max_gap_s)
-        if stretch is not None:
-            return stretch.at(t_ns)
+        segment = self.segment(t_ns, max_gap_s)
+        if segment is not None:
+            return segment.at(t_ns)
         k = int(np.searchsorted(self.t_ns, t_ns, side="right")) - 1
         if k >= 0 and t_ns == self.t_ns[k]:
             return self._still(k, t_ns)
         return None if outside == "hide" else self._still(max(k, 0), t_ns)
 
-    def stretch(self, t_ns: int, max_gap_s: float = MAX_GAP_S) -> Stretch | None:
+    def segment(self, t_ns: int, max_gap_s: float = MAX_GAP_S) -> PathSegment | None:
         """Return the segment between the two poses around an instant; None outside the track and in a gap. A caller that asks tick after
         tick keeps the segment."""
         k = int(np.searchsorted(self.t_ns, t_ns, side="right")) - 1
@@ -119,7 +119,7 @@ class PoseTrack:
             _numbers(self.p_NB[k]), _numbers(self.q_NB[k]), AT_REST, (t_ns - int(self.t_ns[k])) * _NANOSECOND
         )
 
-    def _between(self, k: int, span_ns: int) -> Stretch:
+    def _between(self, k: int, span_ns: int) -> PathSegment:
         dt = span_ns * _NANOSECOND
         p0, d = self.p_NB[k], self.p_NB[k + 1] - self.p_NB[k]
         if self.v_N is None:
@@ -129,10 +129,10 @@ class PoseTrack:
             bend, twist = 3.0 * d - 2.0 * slope - end, slope + end - 2.0 * d
         cubic = _numbers(p0), _numbers(slope), _numbers(bend), _numbers(twist)
         turn = rotation_vector(self.q_NB[k].tolist(), self.q_NB[k + 1].tolist())
-        return Stretch(int(self.t_ns[k]), span_ns, cubic, _numbers(self.q_NB[k]), turn)
+        return PathSegment(int(self.t_ns[k]), span_ns, cubic, _numbers(self.q_NB[k]), turn)
 
 
-class Stretch(NamedTuple):
+class PathSegment(NamedTuple):
     """The segment from one pose to the next.
 
     Attributes:
