@@ -71,7 +71,7 @@ class Entities:
     def __init__(self, types: Types, facts: Facts, context: AdapterContext) -> None:
         self._types, self._facts, self._context = types, facts, context
 
-    def _looked(self, make: Callable[[SceneState, Sequence[Sample]], object], moving: Sequence[str] = ()) -> Errand:
+    def _scene_errand(self, make: Callable[[SceneState, Sequence[Sample]], object], moving: Sequence[str] = ()) -> Errand:
         """Return an errand that looks where everything is.
 
         Args:
@@ -87,11 +87,11 @@ class Entities:
                     answered(response, response.result.error_message)
 
                 if ports:
-                    _owed(conversation, partial(self._context.read, ports), came)
+                    _ask_within_limit(conversation, partial(self._context.read, ports), came)
                 else:
                     came(())
 
-            _owed(conversation, self._context.look, seen)
+            _ask_within_limit(conversation, self._context.look, seen)
 
         return Errand(begin)
 
@@ -102,12 +102,12 @@ class Entities:
         if not self._facts.truth:
             text = "states of entities are ground truth: set truth = true for this adapter"
             return response(self._types, short, UNSUPPORTED, text)
-        return self._looked(make, moving)
+        return self._scene_errand(make, moving)
 
     def entities(self, request: Any) -> object:
         if _has_filters(request):
             return response(self._types, "GetEntities", UNSUPPORTED, "there are no filters: send none")
-        return self._looked(lambda state, _: response(self._types, "GetEntities", OK, entities=sorted(_names(state))))
+        return self._scene_errand(lambda state, _: response(self._types, "GetEntities", OK, entities=sorted(_names(state))))
 
     def info(self, request: Any) -> object:
         def told(state: SceneState, _: Sequence[Sample]) -> object:
@@ -120,7 +120,7 @@ class Entities:
             info = self._types.make(f"{PACKAGE}/msg/EntityInfo", category=category, description=model)
             return response(self._types, "GetEntityInfo", OK, info=info)
 
-        return self._looked(told)
+        return self._scene_errand(told)
 
     # -- states of entities -----------------------------------------------------------------------------------------------------------------
 
@@ -212,7 +212,7 @@ class Entities:
                 w, x, y, z = scene.poses[_names(scene).index(entity)].tolist()[3:]
                 move(conversation, answered, (w, x, y, z))
 
-            _owed(conversation, self._context.look, seen)
+            _ask_within_limit(conversation, self._context.look, seen)
 
         return Errand(begin)
 
@@ -222,7 +222,7 @@ def _has_filters(request: Any) -> bool:
     return bool(filters.filter or len(filters.categories) or filters.tags.tags or filters.bounds.type)
 
 
-def _owed(
+def _ask_within_limit(
     conversation: Conversation, ask: Callable[[Callable[[Any], None], str], None], told: Callable[[Any], None]
 ) -> None:
     """Ask the world something within what the peer may have unanswered; `ask` gets what takes the answer, and the source.
