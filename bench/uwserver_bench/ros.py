@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from uwserver_adapters.ros.feed import Told
+from uwserver_adapters.ros.feed import OutgoingMessage
 from uwserver_adapters.ros.messages import Facts, Outlet, Types
 from uwserver_adapters.ros.messages.catalogue import topics_of
 from uwserver_adapters.rosbridge.codec import published
@@ -51,13 +51,13 @@ def bench_messages(quick: bool, say: Callable[[str], None]) -> list[Row]:
         return outlet.make(_SAMPLE)
 
     def cdr() -> object:
-        return Told(types, outlet.type, _fail, _SAMPLE, outlet).raw
+        return OutgoingMessage(types, outlet.type, _fail, _SAMPLE, outlet).raw
 
     def long_way() -> object:
         return types.cdr(message())
 
     def text() -> object:
-        return published(outlet.topic, Told(types, outlet.type, _fail, _SAMPLE, outlet).plain, "none")
+        return published(outlet.topic, OutgoingMessage(types, outlet.type, _fail, _SAMPLE, outlet).plain, "none")
 
     def image() -> object:
         header = types.header(0, "rov/camera")
@@ -104,7 +104,7 @@ def _write(types: Types, outlet: Outlet, repeats: int, times: int) -> Row:
     participant = DomainParticipant(number)
     topic = Topic(participant, "rt/rov/imu", Classes(types).of(outlet.type))
     writer = DataWriter(participant, topic, qos=endpoint_qos(types.hash(outlet.type)))
-    data = Told(types, outlet.type, _fail, _SAMPLE, outlet).raw
+    data = OutgoingMessage(types, outlet.type, _fail, _SAMPLE, outlet).raw
     if data is None:
         raise BenchFailed("no Imu was made")
     row = _row(name, "us", lambda: write(writer, data), repeats, times, 1e3, WRITE_BAR_US)

@@ -51,7 +51,7 @@ Failed = Callable[[str, Exception], None]
 """Gets the type of a message that could not be made or encoded, and the error."""
 
 
-class Told:
+class OutgoingMessage:
     """One outgoing message. Each form that a dialect needs is made when it is first asked for, and kept.
 
     If a form cannot be made, it is lost: `failed` is called once, and other forms and messages are not affected.
@@ -120,7 +120,7 @@ class Told:
 
 _BEFORE = -1
 """A revision that no scene of a running world has."""
-Deliver = Callable[[str, Told], None]
+Deliver = Callable[[str, OutgoingMessage], None]
 """Gets a topic that has subscribers, and a message of it."""
 
 
@@ -158,7 +158,7 @@ class Feed:
         self._clock_ns = round(1_000_000_000 / clock_hz)
         self._next_clock = 0
         self._heard: Counter[str] = Counter()
-        self._latched: dict[str, Told] = {}
+        self._latched: dict[str, OutgoingMessage] = {}
         self._by_port: Mapping[str, Sequence[Outlet]] = {}
         self._renewing: asyncio.Task[None] | None = None
         self.wanted: Collection[str] = ()
@@ -200,17 +200,17 @@ class Feed:
         self.catalogue = catalogue = Catalogue.of(self.types, facts, self._context)
         topics = {outlet.topic: outlet.type for outlet in catalogue.outlets}
         self.topics = {**topics, CLOCK: "rosgraph_msgs/msg/Clock", TF_STATIC: "tf2_msgs/msg/TFMessage"}
-        self._latched = {topic: told for topic, told in self._latched.items() if topic in topics}
-        static = self.telling(self.topics[TF_STATIC], catalogue.tf_static)
+        self._latched = {topic: outgoing for topic, outgoing in self._latched.items() if topic in topics}
+        static = self.outgoing(self.topics[TF_STATIC], catalogue.tf_static)
         self._latched[TF_STATIC] = static
         self._follow()
         if self._heard[TF_STATIC]:
             self._deliver(TF_STATIC, static)
         self._changed()
 
-    def telling(self, type_name: str, made: object) -> Told:
+    def outgoing(self, type_name: str, made: object) -> OutgoingMessage:
         """Return a message that is not made of a sample."""
-        return Told(self.types, type_name, self._failed, made=made)
+        return OutgoingMessage(self.types, type_name, self._failed, made=made)
 
     def _failed(self, type_name: str, error: Exception) -> None:
         """Count and log a message that could not be made or encoded."""
@@ -234,7 +234,7 @@ class Feed:
         """Return whether late subscribers get the newest message."""
         return topic == TF_STATIC or any(o.topic == topic and o.latched for o in self.catalogue.outlets)
 
-    def hear(self, topic: str) -> Told | None:
+    def hear(self, topic: str) -> OutgoingMessage | None:
         """Count one more listener of a topic; return its newest message if late subscribers get it."""
         self._heard[topic] += 1
         if self._heard[topic] == 1:
@@ -276,16 +276,16 @@ class Feed:
         if self._heard[CLOCK] and (now >= self._next_clock or now < self._next_clock - 2 * self._clock_ns):
             self._next_clock = now + self._clock_ns
             clock = self.catalogue.clock(now)
-            self._deliver(CLOCK, self.telling(self.topics[CLOCK], clock))
+            self._deliver(CLOCK, self.outgoing(self.topics[CLOCK], clock))
         for sample in samples:
             for outlet in by_port.get(sample.port, ()):
-                told = Told(self.types, outlet.type, self._failed, sample, outlet)
+                outgoing = OutgoingMessage(self.types, outlet.type, self._failed, sample, outlet)
                 # A message that combines two ports must see every sample of them, once: so it is made now, heard or not.
-                if len(outlet.ports) > 1 and told.message is None:
+                if len(outlet.ports) > 1 and outgoing.message is None:
                     continue
                 if outlet.latched:
-                    self._latched[outlet.topic] = told
-                self._deliver(outlet.topic, told)
+                    self._latched[outlet.topic] = outgoing
+                self._deliver(outlet.topic, outgoing)
 
     def put_event(self, event: Event) -> None:
         """Follow a change of ports or of time."""

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 from uwserver.adapter import AdapterContext, Conversation, Refusals, within
 from uwserver.ports import Refused, Reply
-from uwserver_adapters.ros.feed import Feed, Told, command
+from uwserver_adapters.ros.feed import Feed, OutgoingMessage, command
 from uwserver_adapters.ros.messages import BadMessage, Facts, Types
 from uwserver_adapters.ros1 import xmlrpc
 from uwserver_adapters.ros1.config import Ros1Config
@@ -98,13 +98,13 @@ class Node:
             "shutdown": lambda caller, reason="": (0, "a node of this graph does not end the simulation", 0),
         }
 
-    def _deliver(self, topic: str, told: Told) -> None:
+    def _deliver(self, topic: str, outgoing: OutgoingMessage) -> None:
         listeners = self._listeners.get(topic)
-        if not listeners or told.raw is None:
+        if not listeners or outgoing.raw is None:
             return
         self.context.stats.encoded += 1
         for listener in tuple(listeners):
-            listener.send_message(told.raw)
+            listener.send_message(outgoing.raw)
 
     # -- for those who connect ------------------------------------------------------------------------------------------------------------
 
@@ -112,7 +112,7 @@ class Node:
         """Return all topics that this node publishes -> type."""
         return {**self.feed.topics, ROSOUT: LOG}
 
-    def hear(self, topic: str, subscriber: Listener) -> Told | None:
+    def hear(self, topic: str, subscriber: Listener) -> OutgoingMessage | None:
         """Add a subscriber; return the newest message where late subscribers get it."""
         self._listeners.setdefault(topic, set()).add(subscriber)
         return None if topic == ROSOUT else self.feed.hear(topic)
@@ -189,7 +189,7 @@ class Node:
             self._rosout_at = now
             header = self.types.header(self.feed.catalogue.facts.epoch_ns + self.feed.t_ns, "")
             made = self.types.make(LOG, header=header, level=WARN, name=self.config.node, msg=text)
-            self._deliver(ROSOUT, self.feed.telling(LOG, made))
+            self._deliver(ROSOUT, self.feed.outgoing(LOG, made))
 
     # -- the master -----------------------------------------------------------------------------------------------------------------------
 

@@ -8,7 +8,7 @@ from functools import partial
 
 from uwserver.adapter import AdapterContext, Conversation, Refusals
 from uwserver.ports import Refused, Reply
-from uwserver_adapters.ros.feed import Feed, Told, call, command
+from uwserver_adapters.ros.feed import Feed, OutgoingMessage, call, command
 from uwserver_adapters.ros.messages import TF_STATIC, BadMessage, Facts, Offer, Types
 from uwserver_adapters.ros2.actions import ActionServer
 from uwserver_adapters.ros2.carrier import Carrier, Respond, Writer
@@ -97,10 +97,10 @@ class Node:
 
     # -- out --------------------------------------------------------------------------------------------------------------------------------
 
-    def _deliver(self, topic: str, told: Told) -> None:
+    def _deliver(self, topic: str, outgoing: OutgoingMessage) -> None:
         known = self._writers.get(topic)
-        if known is not None and told.raw is not None:
-            self.send(topic, known[1], told.raw)
+        if known is not None and outgoing.raw is not None:
+            self.send(topic, known[1], outgoing.raw)
 
     def send(self, topic: str, writer: Writer, data: bytes) -> None:
         """Send a message of a topic; count one that cannot be sent."""

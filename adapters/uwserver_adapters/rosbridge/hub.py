@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 from uwserver.adapter import AdapterContext, Refusals
 from uwserver.ports import Event, Sample
-from uwserver_adapters.ros.feed import Feed, Told
+from uwserver_adapters.ros.feed import Feed, OutgoingMessage
 from uwserver_adapters.ros.messages import Facts, Types
 from uwserver_adapters.rosbridge.config import RosbridgeConfig
 from uwserver_adapters.rosbridge.subscriptions import ClientMessage, TopicMessage, WorldMessage
@@ -153,14 +153,14 @@ class Hub:
         """Follow a change of ports or of time."""
         self.feed.put_event(event)
 
-    def _of_world(self, told: Told) -> WorldMessage:
-        return WorldMessage(told, self.feed.catalogue.facts.epoch_ns + self.feed.t_ns)
+    def _of_world(self, outgoing: OutgoingMessage) -> WorldMessage:
+        return WorldMessage(outgoing, self.feed.catalogue.facts.epoch_ns + self.feed.t_ns)
 
-    def _deliver(self, topic: str, told: Told) -> None:
+    def _deliver(self, topic: str, outgoing: OutgoingMessage) -> None:
         listeners = self._listeners.get(topic)
         if not listeners:
             return
-        message = self._of_world(told)
+        message = self._of_world(outgoing)
         self.context.stats.encoded += 1
         for client in tuple(listeners):
             client.hear(topic, message)

@@ -11,7 +11,7 @@ from typing import Protocol
 import msgspec
 
 from uwserver_adapters.native.outbox import Delivery, Outgoing
-from uwserver_adapters.ros.feed import Told
+from uwserver_adapters.ros.feed import OutgoingMessage
 from uwserver_adapters.rosbridge.codec import fragments, json_text, published, published_raw, text_frame
 
 LONGEST_QUEUE = 1000
@@ -54,26 +54,26 @@ class TopicMessage(Protocol):
 class WorldMessage:
     """A message of the world. Each form is made once for all clients."""
 
-    def __init__(self, told: Told, t_ns: int) -> None:
-        self._told, self._t_ns = told, t_ns
-        self.size = told.size
+    def __init__(self, outgoing: OutgoingMessage, t_ns: int) -> None:
+        self._outgoing, self._t_ns = outgoing, t_ns
+        self.size = outgoing.size
 
     def frame(self, topic: str, compression: str) -> bytes | None:
         """See `TopicMessage`."""
-        told = self._told
+        outgoing = self._outgoing
 
         def make() -> bytes | None:
             if compression == "cbor-raw":
-                return None if told.raw is None else published_raw(topic, told.raw, self._t_ns)
-            return None if told.plain is None else published(topic, told.plain, compression)
+                return None if outgoing.raw is None else published_raw(topic, outgoing.raw, self._t_ns)
+            return None if outgoing.plain is None else published(topic, outgoing.plain, compression)
 
-        return told.encoded(compression, make)
+        return outgoing.encoded(compression, make)
 
     def text(self, topic: str) -> bytes | None:
         """See `TopicMessage`."""
-        plain = self._told.plain
+        plain = self._outgoing.plain
         message = {"op": "publish", "topic": topic, "msg": plain}
-        return self._told.encoded("text", lambda: None if plain is None else json_text(message))
+        return self._outgoing.encoded("text", lambda: None if plain is None else json_text(message))
 
 
 class ClientMessage:
