@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 from uwserver_adapters.ros.feed import OutgoingMessage
-from uwserver_adapters.ros.messages import Facts, Outlet, Types
+from uwserver_adapters.ros.messages import Facts, SensorTopic, Types
 from uwserver_adapters.ros.messages.catalogue import topics_of
 from uwserver_adapters.rosbridge.codec import published
 
@@ -44,20 +44,20 @@ def bench_messages(quick: bool, say: Callable[[str], None]) -> list[Row]:
     say("ros: messages")
     repeats, times = (QUICK_REPEATS, 50) if quick else (REPEATS, 5000)
     types = Types()
-    outlet = topics_of(types, Facts(), _IMU)[0]
+    sensor_topic = topics_of(types, Facts(), _IMU)[0]
     picture = Buffer.of(np.zeros((HEIGHT, WIDTH), np.uint8))
 
     def message() -> object:
-        return outlet.make(_SAMPLE)
+        return sensor_topic.make(_SAMPLE)
 
     def cdr() -> object:
-        return OutgoingMessage(types, outlet.type, _fail, _SAMPLE, outlet).raw
+        return OutgoingMessage(types, sensor_topic.type, _fail, _SAMPLE, sensor_topic).raw
 
     def long_way() -> object:
         return types.cdr(message())
 
     def text() -> object:
-        return published(outlet.topic, OutgoingMessage(types, outlet.type, _fail, _SAMPLE, outlet).plain, "none")
+        return published(sensor_topic.name, OutgoingMessage(types, sensor_topic.type, _fail, _SAMPLE, sensor_topic).plain, "none")
 
     def image() -> object:
         header = types.header(0, "rov/camera")
@@ -84,10 +84,10 @@ def bench_messages(quick: bool, say: Callable[[str], None]) -> list[Row]:
             at_most=PICTURE_BAR_MS,
         ),
     ]
-    return [*rows, _write(types, outlet, repeats, times)]
+    return [*rows, _write(types, sensor_topic, repeats, times)]
 
 
-def _write(types: Types, outlet: Outlet, repeats: int, times: int) -> Row:
+def _write(types: Types, sensor_topic: SensorTopic, repeats: int, times: int) -> Row:
     """Write bytes with CycloneDDS, without a reader, on an unused domain."""
     name = "DDS: write of an Imu"
     try:
@@ -102,9 +102,9 @@ def _write(types: Types, outlet: Outlet, repeats: int, times: int) -> Row:
     number = 231
     domain = Domain(number, LOCALHOST)
     participant = DomainParticipant(number)
-    topic = Topic(participant, "rt/rov/imu", Classes(types).of(outlet.type))
-    writer = DataWriter(participant, topic, qos=endpoint_qos(types.hash(outlet.type)))
-    data = OutgoingMessage(types, outlet.type, _fail, _SAMPLE, outlet).raw
+    topic = Topic(participant, "rt/rov/imu", Classes(types).of(sensor_topic.type))
+    writer = DataWriter(participant, topic, qos=endpoint_qos(types.hash(sensor_topic.type)))
+    data = OutgoingMessage(types, sensor_topic.type, _fail, _SAMPLE, sensor_topic).raw
     if data is None:
         raise BenchFailed("no Imu was made")
     row = _row(name, "us", lambda: write(writer, data), repeats, times, 1e3, WRITE_BAR_US)

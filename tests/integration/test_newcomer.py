@@ -109,7 +109,7 @@ import json, sys
 from pathlib import Path
 
 from uwserver_adapters.ros.messages.catalogue import topics_of
-from uwserver_adapters.ros.messages.commands import inlets
+from uwserver_adapters.ros.messages.commands import command_topics
 from uwserver_adapters.ros.messages.ros_port import Facts, mounts_of
 from uwserver_adapters.ros.messages.types import Types
 
@@ -144,7 +144,7 @@ scene = Scenery(resolved, world).scene(Lookout(world).state().cast)
 (view,) = (sensor for sensor in scene.vehicles[0].sensors if sensor.kind == "range_finder")
 port, types = world.ports["rov/finder"], Types()
 facts = Facts(mounts=mounts_of(scene))
-(outlet,) = topics_of(types, facts, port)
+(sensor_topic,) = topics_of(types, facts, port)
 told = [sample for sample in samples if sample.port == "rov/finder"]
 print(json.dumps({
     "ranges": [sample.value[0] for sample in told],
@@ -152,9 +152,9 @@ print(json.dumps({
     "depth": world.vehicles["rov"].p_NB[2],
     "east": world.vehicles["rov"].p_NB[1],
     "beams": [[list(beam.direction), beam.far] for beam in view.beams],
-    "type": outlet.type,
-    "message": outlet.make(told[-1]).max_range,
-    "inlets": [inlet.type for inlet in inlets(types, world.ports["rov/jet"])],
+    "type": sensor_topic.type,
+    "message": sensor_topic.make(told[-1]).max_range,
+    "command_topics": [command_topic.type for command_topic in command_topics(types, world.ports["rov/jet"])],
     "example": [output.example for output in sensor_kinds()["range_finder"].outputs],
 }))
 """
@@ -178,7 +178,7 @@ def test_a_new_sensor_takes_four_files_and_a_new_force_one_and_a_line(tree: Path
     assert told["kept"] == told["ranges"]
     assert told["beams"] == [[[0.0, 0.0, 1.0], 10.0]]
     assert (told["type"], told["message"]) == ("sensor_msgs/msg/Range", 10.0)
-    assert told["inlets"] == ["std_msgs/msg/Float64"]
+    assert told["command_topics"] == ["std_msgs/msg/Float64"]
     assert told["example"] == ["finder"]
     tests = ("optical/test_range_finder.py", "test_every_kind.py::test_no_kind_is_forgotten")
     run(tree, "-m", "pytest", "-q", "-p", "no:cacheprovider", *(f"tests/unit/sensors/{each}" for each in tests))

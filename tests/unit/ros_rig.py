@@ -244,9 +244,9 @@ def catalogue(distro="jazzy", facts=FACTS):
 def messages(made):
     """Topic -> messages of the fixed samples."""
     told = {}
-    for outlet in made.outlets:
-        for path in outlet.ports:
-            message = outlet.make(sample(PORTS[path]))
+    for sensor_topic in made.sensor_topics:
+        for path in sensor_topic.ports:
+            message = sensor_topic.make(sample(PORTS[path]))
             if message is not None:
-                told.setdefault(outlet.topic, []).append(message)
+                told.setdefault(sensor_topic.name, []).append(message)
     return told

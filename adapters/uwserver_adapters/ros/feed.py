@@ -18,12 +18,12 @@ from uwserver_adapters.ros.messages import (
     Ask,
     BadMessage,
     Catalogue,
+    CommandTopic,
     Errand,
     Facts,
-    Inlet,
     Mount,
     Offer,
-    Outlet,
+    SensorTopic,
     Types,
     Value,
     mounts_of,
@@ -61,16 +61,16 @@ class OutgoingMessage:
         type_name: ``package/msg/Name``.
         failed: gets errors.
         sample: the sample that the message is made of; None where `made` is given.
-        outlet: makes the message of the sample.
+        sensor_topic: makes the message of the sample.
         made: the message itself.
     """
 
     def __init__(
-        self, types: Types, type_name: str, failed: Failed, sample: Sample | None = None, outlet: Outlet | None = None,
+        self, types: Types, type_name: str, failed: Failed, sample: Sample | None = None, sensor_topic: SensorTopic | None = None,
         made: object = None,
     ) -> None:  # fmt: skip
         self.type = type_name
-        self._types, self._failed, self._sample, self._outlet, self._made = types, failed, sample, outlet, made
+        self._types, self._failed, self._sample, self._sensor_topic, self._made = types, failed, sample, sensor_topic, made
         self._encoded: dict[object, bytes | None] = {}
 
     def encoded(self, form: object, make: Callable[[], bytes | None]) -> bytes | None:
@@ -82,10 +82,10 @@ class OutgoingMessage:
     @cached_property
     def message(self) -> object | None:
         """The message; None where the sample gives none, or it could not be made."""
-        outlet, sample = self._outlet, self._sample
-        if outlet is None or sample is None:
+        sensor_topic, sample = self._sensor_topic, self._sample
+        if sensor_topic is None or sample is None:
             return self._made
-        return self._attempt(lambda: outlet.make(sample))
+        return self._attempt(lambda: sensor_topic.make(sample))
 
     @property
     def size(self) -> int:
@@ -98,9 +98,9 @@ class OutgoingMessage:
         return self._attempt(self._raw)
 
     def _raw(self) -> bytes | None:
-        types, outlet, sample = self._types, self._outlet, self._sample
-        if outlet is not None and outlet.cdr is not None and sample is not None:
-            return outlet.cdr(sample)
+        types, sensor_topic, sample = self._types, self._sensor_topic, self._sample
+        if sensor_topic is not None and sensor_topic.cdr is not None and sample is not None:
+            return sensor_topic.cdr(sample)
         if self.message is None:
             return None
         return types.ros1(self.message) if types.is_ros1 else types.cdr(self.message)
@@ -159,7 +159,7 @@ class Feed:
         self._next_clock = 0
         self._heard: Counter[str] = Counter()
         self._latched: dict[str, OutgoingMessage] = {}
-        self._by_port: Mapping[str, Sequence[Outlet]] = {}
+        self._by_port: Mapping[str, Sequence[SensorTopic]] = {}
         self._renewing: asyncio.Task[None] | None = None
         self.wanted: Collection[str] = ()
         self.catalogue: Catalogue
@@ -198,7 +198,7 @@ class Feed:
         world = self._context.world
         facts = replace(self._facts, epoch_ns=world.epoch_ns, tick_s=1.0 / world.rate_hz, mounts=mounts)
         self.catalogue = catalogue = Catalogue.of(self.types, facts, self._context)
-        topics = {outlet.topic: outlet.type for outlet in catalogue.outlets}
+        topics = {sensor_topic.name: sensor_topic.type for sensor_topic in catalogue.sensor_topics}
         self.topics = {**topics, CLOCK: "rosgraph_msgs/msg/Clock", TF_STATIC: "tf2_msgs/msg/TFMessage"}
         self._latched = {topic: outgoing for topic, outgoing in self._latched.items() if topic in topics}
         static = self.outgoing(self.topics[TF_STATIC], catalogue.tf_static)
@@ -232,7 +232,7 @@ class Feed:
 
     def is_latched(self, topic: str) -> bool:
         """Return whether late subscribers get the newest message."""
-        return topic == TF_STATIC or any(o.topic == topic and o.latched for o in self.catalogue.outlets)
+        return topic == TF_STATIC or any(o.name == topic and o.latched for o in self.catalogue.sensor_topics)
 
     def hear(self, topic: str) -> OutgoingMessage | None:
         """Count one more listener of a topic; return its newest message if late subscribers get it."""
@@ -250,11 +250,11 @@ class Feed:
 
     def _follow(self) -> None:
         """Ask for the samples of the ports that are needed, and of no others."""
-        by_port: dict[str, list[Outlet]] = {}
-        for outlet in self.catalogue.outlets:
-            if self._heard[outlet.topic]:
-                for path in outlet.ports:
-                    by_port.setdefault(path, []).append(outlet)
+        by_port: dict[str, list[SensorTopic]] = {}
+        for sensor_topic in self.catalogue.sensor_topics:
+            if self._heard[sensor_topic.name]:
+                for path in sensor_topic.ports:
+                    by_port.setdefault(path, []).append(sensor_topic)
         if self._heard[CLOCK]:
             # The clock advances with samples: it needs those of the fastest sensor.
             sensors = [port for port in self._context.ports.values() if port.direction == "sensor"]
@@ -278,14 +278,14 @@ class Feed:
             clock = self.catalogue.clock(now)
             self._deliver(CLOCK, self.outgoing(self.topics[CLOCK], clock))
         for sample in samples:
-            for outlet in by_port.get(sample.port, ()):
-                outgoing = OutgoingMessage(self.types, outlet.type, self._failed, sample, outlet)
+            for sensor_topic in by_port.get(sample.port, ()):
+                outgoing = OutgoingMessage(self.types, sensor_topic.type, self._failed, sample, sensor_topic)
                 # A message that combines two ports must see every sample of them, once: so it is made now, heard or not.
-                if len(outlet.ports) > 1 and outgoing.message is None:
+                if len(sensor_topic.ports) > 1 and outgoing.message is None:
                     continue
-                if outlet.latched:
-                    self._latched[outlet.topic] = outgoing
-                self._deliver(outlet.topic, outgoing)
+                if sensor_topic.latched:
+                    self._latched[sensor_topic.name] = outgoing
+                self._deliver(sensor_topic.name, outgoing)
 
     def put_event(self, event: Event) -> None:
         """Follow a change of ports or of time."""
@@ -301,9 +301,9 @@ class Feed:
             self._latched = {TF_STATIC: self._latched[TF_STATIC]}
 
     def _forget(self, is_neutral: Callable[[str], bool]) -> None:
-        for inlet in self.catalogue.inlets.values():
-            if inlet.held is not None and is_neutral(inlet.port):
-                inlet.held.forget()
+        for command_topic in self.catalogue.command_topics.values():
+            if command_topic.held is not None and is_neutral(command_topic.port):
+                command_topic.held.forget()
 
     async def close(self) -> None:
         """End the search for mounts."""
@@ -313,13 +313,13 @@ class Feed:
 
 
 def command(
-    conversation: Conversation, inlet: Inlet, value: Value, answered: Callable[[Reply], None], source: str = ""
+    conversation: Conversation, command_topic: CommandTopic, value: Value, answered: Callable[[Reply], None], source: str = ""
 ) -> None:
-    """Send a command that an inlet made of a message, and note in `Inlet.held` what thrusters were told.
+    """Send a command that a command topic made of a message, and note in `CommandTopic.held` what thrusters were told.
 
     Args:
         conversation: of the peer.
-        inlet: the topic.
+        command_topic: the topic.
         value: the command.
         answered: gets the world's answer.
         source: who sent the message; default: the conversation's.
@@ -327,9 +327,9 @@ def command(
     Raises:
         Refused: see `Conversation.command`.
     """
-    held, told = inlet.held, value.get(inlet.field)
+    held, told = command_topic.held, value.get(command_topic.field)
     if held is None or not isinstance(told, list):
-        conversation.command(inlet.port, value, answered, source=source)
+        conversation.command(command_topic.port, value, answered, source=source)
         return
 
     def judged(reply: Reply) -> None:
@@ -338,7 +338,7 @@ def command(
 
     held.ask(told)
     try:
-        conversation.command(inlet.port, value, judged, source=source)
+        conversation.command(command_topic.port, value, judged, source=source)
     except Refused:
         held.judge(told, False)
         raise

@@ -93,7 +93,7 @@ class Node:
             "getSubscriptions": lambda caller: (
                 1,
                 "",
-                [[each.topic, short_name(each.type)] for each in self.feed.catalogue.inlets.values()],
+                [[each.name, short_name(each.type)] for each in self.feed.catalogue.command_topics.values()],
             ),
             "shutdown": lambda caller, reason="": (0, "a node of this graph does not end the simulation", 0),
         }
@@ -145,7 +145,7 @@ class Node:
         return 1, "ready", ["TCPROS", *self.tcpros]
 
     def _publisher_update(self, caller: object, topic: object, uris: object) -> tuple[int, str, Any]:
-        if isinstance(topic, str) and isinstance(uris, list) and topic in self.feed.catalogue.inlets:
+        if isinstance(topic, str) and isinstance(uris, list) and topic in self.feed.catalogue.command_topics:
             self._named[topic] = [uri for uri in uris if isinstance(uri, str)][:PUBLISHERS]
             self._changed.set()
         return 1, "", 0
@@ -167,8 +167,8 @@ class Node:
 
     def _command(self, topic: str, data: bytes) -> None:
         """Take a message of a publisher."""
-        inlet = self.feed.catalogue.inlets.get(topic)
-        if inlet is None:
+        command_topic = self.feed.catalogue.command_topics.get(topic)
+        if command_topic is None:
             return
 
         def answered(reply: Reply) -> None:
@@ -176,8 +176,8 @@ class Node:
                 self.complain(f"{topic}: {reply.fault.text}")
 
         try:
-            value = inlet.value(self.types.from_ros1(data, inlet.type, self.types.most_bytes(inlet.type)))
-            command(self._conversation, inlet, value, answered)
+            value = command_topic.value(self.types.from_ros1(data, command_topic.type, self.types.most_bytes(command_topic.type)))
+            command(self._conversation, command_topic, value, answered)
         except (BadMessage, Refused) as error:
             self.complain(f"{topic}: {error}")
 
@@ -231,7 +231,7 @@ class Node:
                 await ask(self.master, "setParam", node, "/use_sim_time", True)
         catalogue = self.feed.catalogue
         wanted: set[Registration] = {("Publisher", topic, type_name) for topic, type_name in self.topics().items()}
-        wanted |= {("Subscriber", inlet.topic, inlet.type) for inlet in catalogue.inlets.values()}
+        wanted |= {("Subscriber", command_topic.name, command_topic.type) for command_topic in catalogue.command_topics.values()}
         wanted |= {("Service", offer.name, offer.type) for offer in catalogue.offers.values()}
         for each in sorted(self._registered - wanted):
             await self._unregister(each)
@@ -266,15 +266,15 @@ class Node:
 
     async def _follow(self) -> None:
         """Hear the publishers that the master names, and no others."""
-        inlets = self.feed.catalogue.inlets
+        command_topics = self.feed.catalogue.command_topics
         for topic in [*self._publishers, *self._named]:
-            named = self._named.get(topic, []) if topic in inlets else []
+            named = self._named.get(topic, []) if topic in command_topics else []
             links = self._publishers.setdefault(topic, {})
             for uri in [uri for uri in links if uri not in named]:
                 await links.pop(uri).close()
             for uri in named:
                 if uri not in links:
-                    links[uri] = self._subscription(topic, inlets[topic].type, uri)
+                    links[uri] = self._subscription(topic, command_topics[topic].type, uri)
             if not links:
                 del self._publishers[topic]
 

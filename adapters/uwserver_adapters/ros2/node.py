@@ -42,7 +42,7 @@ class Node:
         self.conversation = Conversation(context, context.name)
         self._writers: dict[str, tuple[str, Writer]] = {}
         self._heard: set[str] = set()
-        self._inlets: dict[tuple[str, str], Callable[[], None]] = {}
+        self._command_topics: dict[tuple[str, str], Callable[[], None]] = {}
         self._offers: dict[tuple[str, str], Callable[[], None]] = {}
         self._parameters: ParameterServer | None = None
         self._actions: dict[tuple[str, str], Callable[[], None]] = {}
@@ -64,8 +64,8 @@ class Node:
                 writer = carrier.advertise(topic, kind, self.feed.is_latched(topic), self._hearing)
                 self._writers[topic] = (kind, writer)
         # A new catalogue has new functions. What stays under its name and type looks them up when it is used.
-        wanted = {(inlet.topic, inlet.type) for inlet in catalogue.inlets.values()}
-        _follow(self._inlets, wanted, lambda topic, kind: carrier.listen(topic, kind, partial(self._command, topic)))
+        wanted = {(command_topic.name, command_topic.type) for command_topic in catalogue.command_topics.values()}
+        _follow(self._command_topics, wanted, lambda topic, kind: carrier.listen(topic, kind, partial(self._command, topic)))
         if self._config.offers_services:
             self._follow_services()
         # It is always heard: its writer keeps the message for late subscribers.
@@ -119,8 +119,8 @@ class Node:
     # -- in ---------------------------------------------------------------------------------------------------------------------------------
 
     def _command(self, topic: str, data: bytes, sender: str) -> None:
-        inlet = self.feed.catalogue.inlets.get(topic)
-        if inlet is None:
+        command_topic = self.feed.catalogue.command_topics.get(topic)
+        if command_topic is None:
             return
 
         def answered(reply: Reply) -> None:
@@ -128,8 +128,8 @@ class Node:
                 self.refuse(reply.fault.code, f"{topic}: {reply.fault.text}")
 
         try:
-            value = inlet.value(self.types.from_cdr(data, inlet.type, self.types.most_bytes(inlet.type)))
-            command(self.conversation, inlet, value, answered, source=f"{self._context.name}:{sender}")
+            value = command_topic.value(self.types.from_cdr(data, command_topic.type, self.types.most_bytes(command_topic.type)))
+            command(self.conversation, command_topic, value, answered, source=f"{self._context.name}:{sender}")
         except BadMessage as bad:
             self.refuse("message", f"{topic}: {bad}")
         except Refused as refused:

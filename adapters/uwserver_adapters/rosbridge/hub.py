@@ -77,15 +77,15 @@ class Hub:
 
     def type_of(self, topic: str) -> str:
         """Return the type of a topic that is published or taken here; "" where there is none."""
-        inlet = self.feed.catalogue.inlets.get(topic)
-        if inlet is not None:
-            return inlet.type
+        command_topic = self.feed.catalogue.command_topics.get(topic)
+        if command_topic is not None:
+            return command_topic.type
         return self.feed.topics.get(topic) or self.advertised.get(topic, ("",))[0]
 
     def topics(self) -> Mapping[str, str]:
         """Return all topics -> type."""
-        inlets = {topic: inlet.type for topic, inlet in self.feed.catalogue.inlets.items()}
-        return {**{topic: kind for topic, (kind, _) in self.advertised.items()}, **inlets, **self.feed.topics}
+        command_topics = {topic: command_topic.type for topic, command_topic in self.feed.catalogue.command_topics.items()}
+        return {**{topic: kind for topic, (kind, _) in self.advertised.items()}, **command_topics, **self.feed.topics}
 
     def subscribe(self, client: Client, topic: str) -> TopicMessage | None:
         """Let a client hear a topic, once; return the newest message where late subscribers get it."""

@@ -108,7 +108,7 @@ class Rosapi:
 
     def _subscribers(self, args: Args) -> Values:
         topic = _name(args, "topic")
-        own = [NODE] if topic in self._hub.feed.catalogue.inlets else []
+        own = [NODE] if topic in self._hub.feed.catalogue.command_topics else []
         return {"subscribers": own + sorted(self._hub.listeners(topic))}
 
     # -- services and actions ---------------------------------------------------------------------------------------------------------------
@@ -158,7 +158,7 @@ class Rosapi:
             return {"subscribing": [], "publishing": [], "services": []}
         catalogue = self._hub.feed.catalogue
         return {
-            "subscribing": sorted(catalogue.inlets),
+            "subscribing": sorted(catalogue.command_topics),
             "publishing": sorted(self._hub.feed.topics),
             "services": sorted(catalogue.offers),
         }

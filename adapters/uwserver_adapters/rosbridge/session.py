@@ -254,15 +254,15 @@ class Session:
 
     def _publish(self, message: Map) -> None:
         topic, given = name_of(message, "topic"), message.get("msg", {})
-        inlet = self._hub.feed.catalogue.inlets.get(topic)
-        if inlet is not None:
-            value = inlet.value(built(self._hub.types, inlet.type, given))
-            command(self._conversation, inlet, value, partial(self._commanded, topic, message.get("id")))
+        command_topic = self._hub.feed.catalogue.command_topics.get(topic)
+        if command_topic is not None:
+            value = command_topic.value(built(self._hub.types, command_topic.type, given))
+            command(self._conversation, command_topic, value, partial(self._commanded, topic, message.get("id")))
             return
         if topic not in self._advertised:
             kind = message.get("type")
             if not isinstance(kind, str):
-                near = did_you_mean(topic, self._hub.feed.catalogue.inlets)
+                near = did_you_mean(topic, self._hub.feed.catalogue.command_topics)
                 text = f'"{topic}" commands nothing{near}; to publish for other clients, advertise it with its type'
                 raise BadRequest(text)
             self._admit(topic, full_name(kind), None)

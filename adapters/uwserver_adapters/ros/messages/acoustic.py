@@ -11,7 +11,7 @@ import numpy as np
 from uwserver.ports import BeamView, Buffer, Sample, Value
 from uwserver_adapters.ros.messages.frames import covariance, flu
 from uwserver_adapters.ros.messages.motion import NOT_MEASURED, twist_stamped
-from uwserver_adapters.ros.messages.ros_port import Mount, Outlet, RosPort, is_whole, number, numbers, unknown
+from uwserver_adapters.ros.messages.ros_port import Mount, RosPort, SensorTopic, is_whole, number, numbers, unknown
 
 Floats = np.ndarray[tuple[int], np.dtype[np.float32]]
 
@@ -27,7 +27,7 @@ _RANGES = "marine_acoustic_msgs/msg/SonarRanges"
 _DETECTIONS = "marine_acoustic_msgs/msg/SonarDetections"
 
 
-def dvl(ros_port: RosPort) -> Iterator[Outlet]:
+def dvl(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield a Dvl for the bottom and one for the water, the twist, and the altitude.
 
     A Dvl is in the device's own axes, whose z points where the device looks.
@@ -37,7 +37,7 @@ def dvl(ros_port: RosPort) -> Iterator[Outlet]:
     def bottom(sample: Sample, v: Any, altitude: Value, spread: Any, *beams: Any) -> object:
         return _dvl(ros_port, sample, _BOTTOM, v, altitude, spread, beams)
 
-    yield ros_port.outlet("", _DVL, ros_port.complete(("v_S",), bottom, ("altitude", "covariance_S", *beams)))
+    yield ros_port.sensor_topic("", _DVL, ros_port.complete(("v_S",), bottom, ("altitude", "covariance_S", *beams)))
     if ros_port.has("v_water_S"):
         water = ros_port.bind("v_water_S")
 
@@ -46,7 +46,7 @@ def dvl(ros_port: RosPort) -> Iterator[Outlet]:
             v = water(sample.value)
             return _dvl(ros_port, sample, _WATER, v) if is_whole(v) else None
 
-        yield ros_port.outlet("", _DVL, through_water)
+        yield ros_port.sensor_topic("", _DVL, through_water)
     yield _twist(ros_port)
     yield _altitude(ros_port)
 
@@ -70,7 +70,7 @@ def _dvl(
     )  # fmt: skip
 
 
-def _twist(ros_port: RosPort) -> Outlet:
+def _twist(ros_port: RosPort) -> SensorTopic:
     def make(sample: Sample, v: Any, spread: Any) -> object:
         whole = np.zeros((6, 6))
         whole[3:, 3:] = np.eye(3) * NOT_MEASURED
@@ -79,10 +79,10 @@ def _twist(ros_port: RosPort) -> Outlet:
         return twist_stamped(ros_port, sample, flu(v), whole.ravel())
 
     make_whole = ros_port.complete(("v_S",), make, ("covariance_S",))
-    return ros_port.outlet("/twist", "geometry_msgs/msg/TwistWithCovarianceStamped", make_whole)
+    return ros_port.sensor_topic("/twist", "geometry_msgs/msg/TwistWithCovarianceStamped", make_whole)
 
 
-def _altitude(ros_port: RosPort) -> Outlet:
+def _altitude(ros_port: RosPort) -> SensorTopic:
     beams = (ros_port.mount or Mount()).beams
     # The beams of a DVL stand around its axis: what they see is the bottom within this cone.
     cone = 2.0 * max((math.acos(max(-1.0, min(1.0, beam.direction[2]))) for beam in beams), default=0.0)
@@ -92,7 +92,7 @@ def _altitude(ros_port: RosPort) -> Outlet:
     def make(sample: Sample, altitude: float) -> object:
         return _range(ros_port, sample, altitude, cone, near, reach)
 
-    return ros_port.outlet("/altitude", "sensor_msgs/msg/Range", ros_port.complete(("altitude",), make))
+    return ros_port.sensor_topic("/altitude", "sensor_msgs/msg/Range", ros_port.complete(("altitude",), make))
 
 
 def _range(ros_port: RosPort, sample: Sample, distance: float, cone: float, near: float, far: float) -> object:
@@ -103,7 +103,7 @@ def _range(ros_port: RosPort, sample: Sample, distance: float, cone: float, near
     )  # fmt: skip
 
 
-def altimeter(ros_port: RosPort) -> Iterator[Outlet]:
+def altimeter(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield a Range along x of the frame ``_beam``; without an echo it is +inf (REP-117)."""
     get = ros_port.bind("range")
     beam = next(iter((ros_port.mount or Mount()).beams), _NO_BEAM)
@@ -113,7 +113,7 @@ def altimeter(ros_port: RosPort) -> Iterator[Outlet]:
         known = sample.valid and distance is not None
         return _range(ros_port, sample, distance if known else math.inf, beam.width, beam.near, beam.far)
 
-    yield ros_port.outlet("", "sensor_msgs/msg/Range", make)
+    yield ros_port.sensor_topic("", "sensor_msgs/msg/Range", make)
 
 
 # -- images -------------------------------------------------------------------------------------------------------------------------------
@@ -145,7 +145,7 @@ def _centres(near: float, far: float, count: int) -> Floats:
     return (near + (np.arange(count) + 0.5) * ((far - near) / max(count, 1))).astype(np.float32)
 
 
-def scanning_sonar(ros_port: RosPort) -> Iterator[Outlet]:
+def scanning_sonar(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield each ping as an image of one beam, in the frame ``_sonar`` (z ahead, x up)."""
     counts = next(field for field in ros_port.port.fields if field.name == "bins").type == "int"
     fan = (ros_port.mount or Mount()).fan
@@ -164,10 +164,10 @@ def scanning_sonar(ros_port: RosPort) -> Iterator[Outlet]:
             image=_image(ros_port, levels.dtype.name, 1, levels.view(np.uint8)),
         )  # fmt: skip
 
-    yield ros_port.outlet("", _IMAGE, ros_port.complete(("head_angle", "range"), make, ("bins",)))
+    yield ros_port.sensor_topic("", _IMAGE, ros_port.complete(("head_angle", "range"), make, ("bins",)))
 
 
-def multibeam(ros_port: RosPort) -> Iterator[Outlet]:
+def multibeam(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield each ping as an image of all beams, in the frame ``_sonar`` (z ahead, x up); all beams of the first range come first."""
     fan = (ros_port.mount or Mount()).fan
     others = ("range_start", "range", "frequency", "sound_speed")
@@ -184,10 +184,10 @@ def multibeam(ros_port: RosPort) -> Iterator[Outlet]:
             image=_image(ros_port, image.dtype, beams, np.frombuffer(image.data, np.uint8)),
         )  # fmt: skip
 
-    yield ros_port.outlet("", _IMAGE, ros_port.complete(("azimuth", "image"), make, others))
+    yield ros_port.sensor_topic("", _IMAGE, ros_port.complete(("azimuth", "image"), make, others))
 
 
-def side_scan(ros_port: RosPort) -> Iterator[Outlet]:
+def side_scan(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield each ping as a raw image of two beams, port and starboard, in the frame ``_fsd``; both samples of the nearest range come first."""
     views = (ros_port.mount or Mount()).beams
     # Positive to starboard, counted from straight down; of the axes of both transducers.
@@ -206,7 +206,7 @@ def side_scan(ros_port: RosPort) -> Iterator[Outlet]:
         )  # fmt: skip
 
     make_whole = ros_port.complete(("range", "port", "starboard"), make, ("frequency", "sound_speed"))
-    yield ros_port.outlet("", "marine_acoustic_msgs/msg/RawSonarImage", make_whole)
+    yield ros_port.sensor_topic("", "marine_acoustic_msgs/msg/RawSonarImage", make_whole)
 
 
 # -- ranges -------------------------------------------------------------------------------------------------------------------------------
@@ -241,7 +241,7 @@ def _ranges(ros_port: RosPort, sample: Sample, ping: _Ping) -> object:
     )  # fmt: skip
 
 
-def bathymetry(ros_port: RosPort) -> Iterator[Outlet]:
+def bathymetry(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield the ranges of all beams, and as ``/detections`` their travel times and angles.
 
     Both are in the frame ``_fsd`` (x ahead, y starboard, z where the sonar looks).
@@ -271,11 +271,11 @@ def bathymetry(ros_port: RosPort) -> Iterator[Outlet]:
         )  # fmt: skip
 
     whole = ("sound_speed", "angle", "range", "level")
-    yield ros_port.outlet("", _RANGES, ros_port.complete(whole, make, ("frequency",)))
-    yield ros_port.outlet("/detections", _DETECTIONS, ros_port.complete(whole, detections, ("frequency",)))
+    yield ros_port.sensor_topic("", _RANGES, ros_port.complete(whole, make, ("frequency",)))
+    yield ros_port.sensor_topic("/detections", _DETECTIONS, ros_port.complete(whole, detections, ("frequency",)))
 
 
-def profiler(ros_port: RosPort) -> Iterator[Outlet]:
+def profiler(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield the range of one beam in the frame ``_fsd``, around whose z the head turns; also for pings without an echo."""
     types, get = ros_port.types, ros_port.bind("frequency", "sound_speed", "head_angle", "range", "level")
     fan = (ros_port.mount or Mount()).fan
@@ -290,13 +290,13 @@ def profiler(ros_port: RosPort) -> Iterator[Outlet]:
         info = _ping_info(ros_port, frequency, speed, width, width)
         return _ranges(ros_port, sample, _Ping(info, directions, distance, level))
 
-    yield ros_port.outlet("", _RANGES, make)
+    yield ros_port.sensor_topic("", _RANGES, make)
 
 
 # -- beacons ------------------------------------------------------------------------------------------------------------------------------
 
 
-def beacons(ros_port: RosPort) -> Iterator[Outlet]:
+def beacons(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield the fix of a beacon by USBL or LBL as our own AcousticFix in FLU axes, and its position as a point where it is known."""
     types, direction = ros_port.types, ("bearing", "elevation", "p_beacon_S")
     has_direction, has_phones = ros_port.has("p_beacon_S"), ros_port.has("hydrophone_ranges")
@@ -316,6 +316,6 @@ def beacons(ros_port: RosPort) -> Iterator[Outlet]:
 
     optional = (*(direction if has_direction else ()), *(("hydrophone_ranges",) if has_phones else ()))
     fix = ros_port.complete(("beacon",), make, ("range", "travel_time", *optional))
-    yield ros_port.outlet("", "uwserver_msgs/msg/AcousticFix", fix)
+    yield ros_port.sensor_topic("", "uwserver_msgs/msg/AcousticFix", fix)
     if has_direction:
-        yield ros_port.outlet("/point", "geometry_msgs/msg/PointStamped", ros_port.complete(("p_beacon_S",), point))
+        yield ros_port.sensor_topic("/point", "geometry_msgs/msg/PointStamped", ros_port.complete(("p_beacon_S",), point))

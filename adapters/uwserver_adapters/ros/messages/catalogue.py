@@ -9,16 +9,16 @@ from uwserver.adapter import AdapterContext
 from uwserver.ports import Port
 from uwserver_adapters.ros.messages import acoustic, codec, motion, onboard, water
 from uwserver_adapters.ros.messages.actions import Action, actions
-from uwserver_adapters.ros.messages.commands import Inlet, inlets
+from uwserver_adapters.ros.messages.commands import CommandTopic, command_topics
 from uwserver_adapters.ros.messages.generated import generated
-from uwserver_adapters.ros.messages.ros_port import Facts, Outlet, RosPort
+from uwserver_adapters.ros.messages.ros_port import Facts, RosPort, SensorTopic
 from uwserver_adapters.ros.messages.services import Offer, offers
 from uwserver_adapters.ros.messages.settings import Setting, settings
 from uwserver_adapters.ros.messages.simulation import simulation
 from uwserver_adapters.ros.messages.transforms import static_transforms
 from uwserver_adapters.ros.messages.types import Types
 
-MESSAGES: Mapping[str, Callable[[RosPort], Iterator[Outlet]]] = {
+MESSAGES: Mapping[str, Callable[[RosPort], Iterator[SensorTopic]]] = {
     "Range": acoustic.altimeter,
     "Attitude": codec.attitude_sensor,
     "Estimate": motion.estimate,
@@ -60,8 +60,8 @@ class Catalogue:
     Attributes:
         types: of the distribution.
         facts: of the world.
-        outlets: all that sensors become; several may share a topic, which is of one type.
-        inlets: topic -> what it commands.
+        sensor_topics: all that sensors become; several may share a topic, which is of one type.
+        command_topics: topic -> what it commands.
         offers: service -> what it asks for.
         actions: name of an action -> what its goals ask for.
         settings: name of a parameter -> how it is read and changed.
@@ -70,8 +70,8 @@ class Catalogue:
 
     types: Types
     facts: Facts
-    outlets: tuple[Outlet, ...]
-    inlets: Mapping[str, Inlet]
+    sensor_topics: tuple[SensorTopic, ...]
+    command_topics: Mapping[str, CommandTopic]
     offers: Mapping[str, Offer]
     actions: Mapping[str, Action]
     settings: Mapping[str, Setting]
@@ -87,8 +87,8 @@ class Catalogue:
         return cls(
             types,
             facts,
-            tuple(outlet for port in sensors for outlet in topics_of(types, facts, port)),
-            {inlet.topic: inlet for port in actuators for inlet in inlets(types, port)},
+            tuple(sensor_topic for port in sensors for sensor_topic in topics_of(types, facts, port)),
+            {command_topic.name: command_topic for port in actuators for command_topic in command_topics(types, port)},
             {
                 offer.name: offer
                 for offer in (*offers(types, context.services.values()), *simulation(types, facts, context))
@@ -103,7 +103,7 @@ class Catalogue:
         return self.types.make("rosgraph_msgs/msg/Clock", clock=self.types.stamp(self.facts.epoch_ns + t_ns))
 
 
-def topics_of(types: Types, facts: Facts, port: Port) -> list[Outlet]:
+def topics_of(types: Types, facts: Facts, port: Port) -> list[SensorTopic]:
     """The topics of one sensor: of standard messages, or where its fields do not fit any, of a generated one."""
     ros_port = RosPort(types, facts, port)
     table = MESSAGES.get(port.message or "", generated)

@@ -9,10 +9,10 @@ from uwserver.ports import Sample
 from uwserver.units import deg
 from uwserver_adapters.ros.messages.frames import attitude, enu
 from uwserver_adapters.ros.messages.motion import NOT_MEASURED, twist_stamped
-from uwserver_adapters.ros.messages.ros_port import Outlet, RosPort, diagonal, number, unknown
+from uwserver_adapters.ros.messages.ros_port import RosPort, SensorTopic, diagonal, number, unknown
 
 
-def attitude_sensor(ros_port: RosPort) -> Iterator[Outlet]:
+def attitude_sensor(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield an Imu that holds only an orientation, and the compass heading as mavros publishes it."""
     types, none, spread = ros_port.types, unknown(), diagonal(*ros_port.variances("q_NS"))
 
@@ -25,11 +25,11 @@ def attitude_sensor(ros_port: RosPort) -> Iterator[Outlet]:
     def compass(_: Sample, heading: float) -> object:
         return types.make("std_msgs/msg/Float64", data=deg(heading))
 
-    yield ros_port.outlet("", "sensor_msgs/msg/Imu", ros_port.complete(("q_NS",), make))
-    yield ros_port.outlet("/compass_hdg", "std_msgs/msg/Float64", ros_port.complete(("heading",), compass))
+    yield ros_port.sensor_topic("", "sensor_msgs/msg/Imu", ros_port.complete(("q_NS",), make))
+    yield ros_port.sensor_topic("/compass_hdg", "std_msgs/msg/Float64", ros_port.complete(("heading",), compass))
 
 
-def gps(ros_port: RosPort) -> Iterator[Outlet]:
+def gps(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield a NavSatFix, also while there is no fix, and the velocity in ENU axes."""
     types, geoid = ros_port.types, ros_port.facts.geoid_m
     get = ros_port.bind("latitude", "longitude", "height", "horizontal_accuracy", "vertical_accuracy", "fix")
@@ -56,9 +56,9 @@ def gps(ros_port: RosPort) -> Iterator[Outlet]:
         spread = diagonal(variance, variance, variance, *(NOT_MEASURED,) * 3)
         return twist_stamped(ros_port, sample, enu(v), spread, "map")
 
-    yield ros_port.outlet("", "sensor_msgs/msg/NavSatFix", make)
+    yield ros_port.sensor_topic("", "sensor_msgs/msg/NavSatFix", make)
     vel = ros_port.complete(("v_NS",), velocity, ("velocity_accuracy",))
-    yield ros_port.outlet("/vel", "geometry_msgs/msg/TwistWithCovarianceStamped", vel)
+    yield ros_port.sensor_topic("/vel", "geometry_msgs/msg/TwistWithCovarianceStamped", vel)
 
 
 def heading_deg(heading: float) -> float:

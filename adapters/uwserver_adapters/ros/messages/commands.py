@@ -59,11 +59,11 @@ class Held:
 
 
 @dataclass(frozen=True)
-class Inlet:
+class CommandTopic:
     """A topic that commands an actuator.
 
     Attributes:
-        topic: its name.
+        name: of the topic.
         type: ``package/msg/Name``.
         port: path of the actuator.
         value: turns a message into a command; raises `BadMessage`.
@@ -71,7 +71,7 @@ class Inlet:
         field: the field of the command that `held` keeps.
     """
 
-    topic: str
+    name: str
     type: str
     port: str
     value: Callable[[Any], Value]
@@ -79,7 +79,7 @@ class Inlet:
     field: str = ""
 
 
-def inlets(types: Types, port: Port) -> Iterator[Inlet]:
+def command_topics(types: Types, port: Port) -> Iterator[CommandTopic]:
     """Yield all topics that command one actuator."""
     name, vehicle = "/" + ros_name(port.path), "/" + ros_name(port.path).split("/")[0]
     last = port.path.rsplit("/", 1)[-1]
@@ -88,7 +88,7 @@ def inlets(types: Types, port: Port) -> Iterator[Inlet]:
     if topics and {field.name for field in port.fields}.issuperset(required):
         for topic, type_name, value in topics:
             where = topic.format(name=name, vehicle=vehicle)
-            yield Inlet(where, type_name, port.path, _of_vehicle(value, vehicle.strip("/")))
+            yield CommandTopic(where, type_name, port.path, _of_vehicle(value, vehicle.strip("/")))
     elif len(port.fields) == 1 and port.fields[0].type == "float":
         yield from _numbers(port, name)
     else:
@@ -99,15 +99,15 @@ def _of_vehicle(value: Callable[[Any, str], Value], vehicle: str) -> Callable[[A
     return lambda message: value(message, vehicle)
 
 
-def _numbers(port: Port, name: str) -> Iterator[Inlet]:
+def _numbers(port: Port, name: str) -> Iterator[CommandTopic]:
     """Yield the topics of an actuator with one field: a number, or a list in the order of the port's description; and one for each thruster."""
     field = port.fields[0].name
     if not port.fields[0].shape:
-        yield Inlet(name + "/cmd", "std_msgs/msg/Float64", port.path, lambda message: {field: message.data})
+        yield CommandTopic(name + "/cmd", "std_msgs/msg/Float64", port.path, lambda message: {field: message.data})
         return
     held = Held(port.fields[0].size)
 
-    yield Inlet(
+    yield CommandTopic(
         name + "/cmd", "std_msgs/msg/Float64MultiArray", port.path, lambda message: {field: message.data.tolist()}, held, field
     )  # fmt: skip
     for k, thruster in enumerate(port.propulsors or ()):
@@ -116,10 +116,10 @@ def _numbers(port: Port, name: str) -> Iterator[Inlet]:
             others = held.newest
             return {field: [*others[:k], message.data, *others[k + 1 :]]}
 
-        yield Inlet(f"{name}/{ros_name(thruster.name)}/cmd", "std_msgs/msg/Float64", port.path, one_of, held, field)
+        yield CommandTopic(f"{name}/{ros_name(thruster.name)}/cmd", "std_msgs/msg/Float64", port.path, one_of, held, field)
 
 
-def _generated(types: Types, port: Port, name: str) -> Inlet:
+def _generated(types: Types, port: Port, name: str) -> CommandTopic:
     """Return a topic with a generated type. A NaN, an empty list and an empty text are left out of the command."""
     type_name = generated_type(types, port, definition(port, is_command=True), "Command")
     names = [(field, field_name(field)) for field in port.fields]
@@ -135,7 +135,7 @@ def _generated(types: Types, port: Port, name: str) -> Inlet:
             told[field.name] = part
         return told
 
-    return Inlet(name + "/cmd", type_name, port.path, value)
+    return CommandTopic(name + "/cmd", type_name, port.path, value)
 
 
 # -- standard messages ----------------------------------------------------------------------------------------------------------------------

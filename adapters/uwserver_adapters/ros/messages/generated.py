@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from uwserver.ports import Buffer, Field, Port, Sample
-from uwserver_adapters.ros.messages.ros_port import Outlet, RosPort, number, numbers
+from uwserver_adapters.ros.messages.ros_port import RosPort, SensorTopic, number, numbers
 from uwserver_adapters.ros.messages.types import Types
 
 _TYPES = {"float": "float64", "int": "int64", "bool": "bool", "str": "string", "bytes": "uint8"}
 
 
-def generated(ros_port: RosPort) -> Iterator[Outlet]:
+def generated(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield a message with every field as it is: N and FRD axes, SI units, NaN for missing values.
 
     ``valid`` says whether the sensor could measure.
@@ -28,7 +28,7 @@ def generated(ros_port: RosPort) -> Iterator[Outlet]:
         values = {key: _value(field, value) for key, field, value in zip(names, port.fields, sample.value, strict=True)}
         return types.make(name, header=ros_port.header(sample), valid=sample.valid, seq=sample.seq, **values)
 
-    yield ros_port.outlet("", name, make)
+    yield ros_port.sensor_topic("", name, make)
 
 
 def generated_type(types: Types, port: Port, text: str, suffix: str = "") -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from uwserver.frames import IDENTITY, rotate
 from uwserver.ports import Sample
 from uwserver_adapters.ros.messages.frames import attitude, enu, flu
-from uwserver_adapters.ros.messages.ros_port import Outlet, RosPort, diagonal, is_whole, unknown
+from uwserver_adapters.ros.messages.ros_port import RosPort, SensorTopic, diagonal, is_whole, unknown
 from uwserver_adapters.ros.messages.types import LAST_NS
 
 _NAN3 = (float("nan"),) * 3
@@ -20,7 +20,7 @@ NOT_MEASURED = 1e6
 """Variance of a quantity that a sensor does not measure: so large that no filter takes the value for knowledge."""
 
 
-def imu(ros_port: RosPort) -> Iterator[Outlet]:
+def imu(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield an Imu without an orientation, and a Temperature where the port has one."""
     types = ros_port.types
     none, level = unknown(), types.quaternion(IDENTITY)
@@ -34,7 +34,7 @@ def imu(ros_port: RosPort) -> Iterator[Outlet]:
         )  # fmt: skip
 
     cdr = None if types.is_ros1 else imu_cdr(ros_port, tuple(rate), tuple(acceleration))
-    yield ros_port.outlet("", "sensor_msgs/msg/Imu", ros_port.complete(("f_S", "w_S"), make), cdr=cdr)
+    yield ros_port.sensor_topic("", "sensor_msgs/msg/Imu", ros_port.complete(("f_S", "w_S"), make), cdr=cdr)
     if ros_port.has("temperature"):
         yield temperature(ros_port)
 
@@ -68,7 +68,7 @@ def imu_cdr(
     return cdr
 
 
-def scalar(ros_port: RosPort, suffix: str, type_name: str, field: str, key: str) -> Outlet:
+def scalar(ros_port: RosPort, suffix: str, type_name: str, field: str, key: str) -> SensorTopic:
     """Return a topic of one field with a header and a variance, such as Temperature.
 
     Args:
@@ -84,15 +84,15 @@ def scalar(ros_port: RosPort, suffix: str, type_name: str, field: str, key: str)
     def make(sample: Sample, value: Any) -> object:
         return types.make(type_name, header=ros_port.header(sample), variance=variance, **{key: value})
 
-    return ros_port.outlet(suffix, type_name, ros_port.complete((field,), make))
+    return ros_port.sensor_topic(suffix, type_name, ros_port.complete((field,), make))
 
 
-def temperature(ros_port: RosPort) -> Outlet:
+def temperature(ros_port: RosPort) -> SensorTopic:
     """Return the topic of the water temperature at a sensor."""
     return scalar(ros_port, "/temperature", "sensor_msgs/msg/Temperature", "temperature", "temperature")
 
 
-def magnetometer(ros_port: RosPort) -> Iterator[Outlet]:
+def magnetometer(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield a MagneticField."""
     types, spread = ros_port.types, diagonal(*ros_port.variances("field_S"))
 
@@ -102,7 +102,7 @@ def magnetometer(ros_port: RosPort) -> Iterator[Outlet]:
             magnetic_field_covariance=spread,
         )  # fmt: skip
 
-    yield ros_port.outlet("", "sensor_msgs/msg/MagneticField", ros_port.complete(("field_S",), make))
+    yield ros_port.sensor_topic("", "sensor_msgs/msg/MagneticField", ros_port.complete(("field_S",), make))
 
 
 def twist_stamped(ros_port: RosPort, sample: Sample, linear: object, spread: object, frame: str | None = None) -> object:
@@ -121,7 +121,7 @@ def pose_stamped(ros_port: RosPort, sample: Sample, p: object, q: object, spread
     return types.make("geometry_msgs/msg/PoseWithCovarianceStamped", header=ros_port.header(sample, "map"), pose=both)
 
 
-def motion_capture(ros_port: RosPort) -> Iterator[Outlet]:
+def motion_capture(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield the pose of the marker frame in map."""
     north, east, down = ros_port.variances("p_NS")
     spread = diagonal(east, north, down, *ros_port.variances("q_NS"))
@@ -130,7 +130,7 @@ def motion_capture(ros_port: RosPort) -> Iterator[Outlet]:
         return pose_stamped(ros_port, sample, enu(p), attitude(q), spread)
 
     make_whole = ros_port.complete(("p_NS", "q_NS"), make)
-    yield ros_port.outlet("", "geometry_msgs/msg/PoseWithCovarianceStamped", make_whole)
+    yield ros_port.sensor_topic("", "geometry_msgs/msg/PoseWithCovarianceStamped", make_whole)
 
 
 # -- truth --------------------------------------------------------------------------------------------------------------------------------
@@ -170,7 +170,7 @@ def transform(ros_port: RosPort, sample: Sample, parent: str, p: object, q: obje
     return types.make("tf2_msgs/msg/TFMessage", transforms=[stamped])
 
 
-def truth_pose(ros_port: RosPort) -> Iterator[Outlet]:
+def truth_pose(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield an Odometry of pose and velocity, and the transform where ``/tf`` is to hold the truth.
 
     Pose and velocity are two ports with the same times: the message is made when both samples of a time are here.
@@ -193,27 +193,27 @@ def truth_pose(ros_port: RosPort) -> Iterator[Outlet]:
         return transform(ros_port, sample, "map", enu(p), attitude(q))
 
     topic = ros_port.name.rsplit("/", 1)[0] + "/odom"
-    yield Outlet(topic, "nav_msgs/msg/Odometry", (ros_port.port.path, beside), make)
+    yield SensorTopic(topic, "nav_msgs/msg/Odometry", (ros_port.port.path, beside), make)
     if ros_port.facts.tf == "truth":
-        yield Outlet("/tf", "tf2_msgs/msg/TFMessage", (ros_port.port.path,), ros_port.complete(("p_NB", "q_NB"), tf))
+        yield SensorTopic("/tf", "tf2_msgs/msg/TFMessage", (ros_port.port.path,), ros_port.complete(("p_NB", "q_NB"), tf))
 
 
-def truth_velocity(ros_port: RosPort) -> Iterator[Outlet]:
+def truth_velocity(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield a TwistStamped in base_link; the Odometry has the velocity too."""
     yield _stamped_pair(ros_port, ("v_NB_B", "w_NB_B"), "Twist", ("linear", "angular"))
 
 
-def truth_acceleration(ros_port: RosPort) -> Iterator[Outlet]:
+def truth_acceleration(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield an AccelStamped in base_link."""
     yield _stamped_pair(ros_port, ("v_dot_B", "w_dot_B"), "Accel", ("linear", "angular"))
 
 
-def truth_wrench(ros_port: RosPort) -> Iterator[Outlet]:
+def truth_wrench(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield a WrenchStamped in base_link."""
     yield _stamped_pair(ros_port, ("force_B", "torque_B"), "Wrench", ("force", "torque"))
 
 
-def _stamped_pair(ros_port: RosPort, fields: tuple[str, str], kind: str, names: tuple[str, str]) -> Outlet:
+def _stamped_pair(ros_port: RosPort, fields: tuple[str, str], kind: str, names: tuple[str, str]) -> SensorTopic:
     """Return a topic of two vectors of the body: the stamped form of a message of geometry_msgs, in base_link."""
     types = ros_port.types
     inner, outer = f"geometry_msgs/msg/{kind}", f"geometry_msgs/msg/{kind}Stamped"
@@ -222,10 +222,10 @@ def _stamped_pair(ros_port: RosPort, fields: tuple[str, str], kind: str, names: 
         pair = types.make(inner, **{names[0]: types.vector(flu(a)), names[1]: types.vector(flu(b))})
         return types.make(outer, header=ros_port.header(sample, ros_port.base), **{kind.lower(): pair})
 
-    return ros_port.outlet("", outer, ros_port.complete(fields, make))
+    return ros_port.sensor_topic("", outer, ros_port.complete(fields, make))
 
 
-def estimate(ros_port: RosPort) -> Iterator[Outlet]:
+def estimate(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield the autopilot's state: Odometry in odom, its transform, its mode, and its diagnostics."""
     types = ros_port.types
     status = ros_port.bind("mode", "armed", "failsafe")
@@ -259,8 +259,8 @@ def estimate(ros_port: RosPort) -> Iterator[Outlet]:
 
     path, where = (ros_port.port.path,), ("p_N", "q_NB")
     state = ros_port.complete(where, make, ("v_N", "w_B", "position_valid", "velocity_valid"))
-    yield Outlet(vehicle + "/odometry", "nav_msgs/msg/Odometry", path, state)
-    yield Outlet(vehicle + "/mode", "std_msgs/msg/String", path, mode, latched=True)
-    yield Outlet("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", path, diagnostics)
+    yield SensorTopic(vehicle + "/odometry", "nav_msgs/msg/Odometry", path, state)
+    yield SensorTopic(vehicle + "/mode", "std_msgs/msg/String", path, mode, latched=True)
+    yield SensorTopic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", path, diagnostics)
     if ros_port.facts.tf == "estimate":
-        yield Outlet("/tf", "tf2_msgs/msg/TFMessage", path, ros_port.complete(where, tf))
+        yield SensorTopic("/tf", "tf2_msgs/msg/TFMessage", path, ros_port.complete(where, tf))

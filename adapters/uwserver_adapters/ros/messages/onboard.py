@@ -10,12 +10,12 @@ import numpy as np
 
 from uwserver.ports import Sample, Value
 from uwserver_adapters.ros.messages.frames import flu
-from uwserver_adapters.ros.messages.ros_port import Mount, Outlet, RosPort, number, numbers
+from uwserver_adapters.ros.messages.ros_port import Mount, RosPort, SensorTopic, number, numbers
 
 _NAN = math.nan
 
 
-def range_array(ros_port: RosPort) -> Iterator[Outlet]:
+def range_array(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield a LaserScan. Its angles grow counter-clockwise and ours clockwise, so the order is reversed. No return is +inf (REP-117)."""
     types, beams = ros_port.types, (ros_port.mount or Mount()).beams
     angles = [-math.atan2(beam.direction[1], beam.direction[0]) for beam in reversed(beams)]
@@ -32,19 +32,19 @@ def range_array(ros_port: RosPort) -> Iterator[Outlet]:
             range_max=far, ranges=np.array([math.inf if part is None else part for part in reversed(ranges)], np.float32),
         )  # fmt: skip
 
-    yield ros_port.outlet("", "sensor_msgs/msg/LaserScan", ros_port.complete((), make, ("ranges",)))
+    yield ros_port.sensor_topic("", "sensor_msgs/msg/LaserScan", ros_port.complete((), make, ("ranges",)))
 
 
-def _flag(ros_port: RosPort, suffix: str, field: str, latched: bool) -> Outlet:
+def _flag(ros_port: RosPort, suffix: str, field: str, latched: bool) -> SensorTopic:
     """Return a topic with one field as a Bool."""
 
     def make(_: Sample, value: Value) -> object:
         return ros_port.types.make("std_msgs/msg/Bool", data=bool(value))
 
-    return ros_port.outlet(suffix, "std_msgs/msg/Bool", ros_port.complete((), make, (field,)), latched)
+    return ros_port.sensor_topic(suffix, "std_msgs/msg/Bool", ros_port.complete((), make, (field,)), latched)
 
 
-def contact(ros_port: RosPort) -> Iterator[Outlet]:
+def contact(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield whether the hull touches something, and the mean contact force of the tick in base_link."""
     types, dt = ros_port.types, ros_port.facts.tick_s
 
@@ -57,10 +57,10 @@ def contact(ros_port: RosPort) -> Iterator[Outlet]:
         return types.make("geometry_msgs/msg/WrenchStamped", header=ros_port.header(sample, ros_port.base), wrench=made)
 
     yield _flag(ros_port, "/touching", "touching", latched=False)
-    yield ros_port.outlet("", "geometry_msgs/msg/WrenchStamped", ros_port.complete(("impulse_B",), wrench))
+    yield ros_port.sensor_topic("", "geometry_msgs/msg/WrenchStamped", ros_port.complete(("impulse_B",), wrench))
 
 
-def battery(ros_port: RosPort) -> Iterator[Outlet]:
+def battery(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield a BatteryState; a current that is drawn is negative."""
 
     def make(sample: Sample, voltage: Value, current: Value, charge: Value) -> object:
@@ -71,15 +71,15 @@ def battery(ros_port: RosPort) -> Iterator[Outlet]:
             power_supply_status=2 if drawn > 0 else 3, power_supply_technology=0, present=True,
         )  # fmt: skip
 
-    yield ros_port.outlet("", "sensor_msgs/msg/BatteryState", ros_port.complete((), make, ("voltage", "current", "charge")))
+    yield ros_port.sensor_topic("", "sensor_msgs/msg/BatteryState", ros_port.complete((), make, ("voltage", "current", "charge")))
 
 
-def leak(ros_port: RosPort) -> Iterator[Outlet]:
+def leak(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield whether there is a leak, as a Bool."""
     yield _flag(ros_port, "", "leak", latched=True)
 
 
-def rpm(ros_port: RosPort) -> Iterator[Outlet]:
+def rpm(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield a JointState with velocities only, rad/s, under the names of the thrusters."""
     (field,) = (field for field in ros_port.port.fields if field.name == "speeds")
     # The names stand in the text of the field.
@@ -93,10 +93,10 @@ def rpm(ros_port: RosPort) -> Iterator[Outlet]:
         told = numbers(speeds if isinstance(speeds, tuple) else (speeds,))
         return ros_port.types.make("sensor_msgs/msg/JointState", header=ros_port.header(sample), name=names, velocity=told)
 
-    yield ros_port.outlet("", "sensor_msgs/msg/JointState", ros_port.complete((), make, ("speeds",)))
+    yield ros_port.sensor_topic("", "sensor_msgs/msg/JointState", ros_port.complete((), make, ("speeds",)))
 
 
-def clock(ros_port: RosPort) -> Iterator[Outlet]:
+def clock(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield a TimeReference: the device's time against simulation time."""
     types, path = ros_port.types, ros_port.port.path
 
@@ -104,4 +104,4 @@ def clock(ros_port: RosPort) -> Iterator[Outlet]:
         time = types.stamp(utc_ns)
         return types.make("sensor_msgs/msg/TimeReference", header=ros_port.header(sample), time_ref=time, ros_port=path)
 
-    yield ros_port.outlet("", "sensor_msgs/msg/TimeReference", ros_port.complete(("utc_ns",), make))
+    yield ros_port.sensor_topic("", "sensor_msgs/msg/TimeReference", ros_port.complete(("utc_ns",), make))

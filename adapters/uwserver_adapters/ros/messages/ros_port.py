@@ -72,11 +72,11 @@ def mounts_of(scene: SceneView) -> dict[str, Mount]:
 
 
 @dataclass(frozen=True)
-class Outlet:
+class SensorTopic:
     """A topic that is published from the samples of one port or several.
 
     Attributes:
-        topic: its name.
+        name: of the topic.
         type: ``package/msg/Name``.
         ports: paths of the ports; more than one where a message combines several.
         make: makes the message of a sample, or returns None. Never raises for a sample of these ports.
@@ -84,7 +84,7 @@ class Outlet:
         cdr: makes the CDR bytes of a sample directly, for messages where that is worth it.
     """
 
-    topic: str
+    name: str
     type: str
     ports: tuple[str, ...]
     make: Make
@@ -183,11 +183,11 @@ class RosPort:
         parts = parts * size if len(parts) == 1 else parts
         return tuple(part * part for part in parts)
 
-    def outlet(
+    def sensor_topic(
         self, suffix: str, type_name: str, make: Make, latched: bool = False, cdr: Callable[[Sample], bytes | None] | None = None
-    ) -> Outlet:  # fmt: skip
+    ) -> SensorTopic:  # fmt: skip
         """Return a topic of this port, whose name is that of the port and a suffix."""
-        return Outlet(self.name + suffix, type_name, (self.port.path,), make, latched, cdr)
+        return SensorTopic(self.name + suffix, type_name, (self.port.path,), make, latched, cdr)
 
 
 def number(value: Value) -> float:

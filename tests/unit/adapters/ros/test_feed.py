@@ -134,7 +134,7 @@ def test_a_fault_of_a_table_costs_its_message_and_is_told():
     async def story():
         world = mounted(context())
         feed, told = heard_of(world, "/rov/imu", "/rov/lasers")
-        (lasers,) = (outlet for outlet in feed.catalogue.outlets if outlet.topic == "/rov/lasers")
+        (lasers,) = (sensor_topic for sensor_topic in feed.catalogue.sensor_topics if sensor_topic.name == "/rov/lasers")
         calls = []
 
         def broken(a_sample):
@@ -143,8 +143,8 @@ def test_a_fault_of_a_table_costs_its_message_and_is_told():
                 raise KeyError("an angle")
             return lasers.make(a_sample)
 
-        outlets = (replace(o, make=broken) if o is lasers else o for o in feed.catalogue.outlets)
-        feed.catalogue = replace(feed.catalogue, outlets=tuple(outlets))
+        sensor_topics = (replace(o, make=broken) if o is lasers else o for o in feed.catalogue.sensor_topics)
+        feed.catalogue = replace(feed.catalogue, sensor_topics=tuple(sensor_topics))
         feed.hear("/rov/imu")
         feed.hear("/rov/bumper")
         feed.leave("/rov/bumper")

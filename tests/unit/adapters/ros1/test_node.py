@@ -57,7 +57,7 @@ class Master:
 
     def registerSubscriber(self, caller: str, topic: str, type_name: str, uri: str) -> list[Any]:
         self.nodes[caller] = uri
-        self.registered.add(("inlet", topic, type_name))
+        self.registered.add(("command topic", topic, type_name))
         return [1, "", self.publishers.get(topic, [])]
 
     def registerService(self, caller: str, service: str, service_uri: str, uri: str) -> list[Any]:
@@ -138,7 +138,7 @@ def test_it_registers_and_comes_back_after_the_master(monkeypatch: pytest.Monkey
                 await until(lambda: ("service", "/world/pause") in {each[:2] for each in master.registered})
                 assert ("topic", "/rov/imu", "sensor_msgs/Imu") in master.registered
                 assert ("topic", "/clock", "rosgraph_msgs/Clock") in master.registered
-                await until(lambda: ("inlet", "/rov/thrusters/cmd", "std_msgs/Float64MultiArray") in master.registered)
+                await until(lambda: ("command topic", "/rov/thrusters/cmd", "std_msgs/Float64MultiArray") in master.registered)
                 assert master.params == {"/use_sim_time": True}
                 port = master.port
                 await asyncio.to_thread(master.close)

@@ -81,8 +81,8 @@ def test_an_extension_that_says_imu_is_one(tmp_path: Path) -> None:
     world = build(resolved)
     port = world.ports["rov/feeling"]
     assert port.message == "Imu"
-    (outlet,) = topics_of(Types(), Facts(), port)
-    assert outlet.type == "sensor_msgs/msg/Imu"
+    (sensor_topic,) = topics_of(Types(), Facts(), port)
+    assert sensor_topic.type == "sensor_msgs/msg/Imu"
     (view,) = (view for view in sensor_views("rov", resolved.vehicles["rov"].vehicle) if view.kind == "feeling")
     assert (view.beams[0].far, view.sigmas) == (3.0, {"w_S": (0.01,)})
     pilot = world.parts["rov/autopilot"]

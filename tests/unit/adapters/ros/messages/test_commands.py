@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 from ros_rig import DEG, catalogue
 from uwserver_adapters.ros.messages import BadMessage, Types
-from uwserver_adapters.ros.messages.commands import inlets
+from uwserver_adapters.ros.messages.commands import command_topics
 from uwserver_adapters.ros.messages.frames import attitude
 from uwserver_adapters.ros.messages.plain import built
 from uwserver_adapters.ros.messages.services import Ask, offers
@@ -23,12 +23,12 @@ def made():
 
 
 def value(made, topic, given):
-    inlet = made.inlets[topic]
-    return inlet.port, inlet.value(built(made.types, inlet.type, given))
+    command_topic = made.command_topics[topic]
+    return command_topic.port, command_topic.value(built(made.types, command_topic.type, given))
 
 
 def test_topics_of_commands(made):
-    assert {inlet.topic: inlet.type.replace("/msg", "") for inlet in made.inlets.values()} == {
+    assert {command_topic.name: command_topic.type.replace("/msg", "") for command_topic in made.command_topics.values()} == {
         "/rov/thrusters/cmd": "std_msgs/Float64MultiArray", "/rov/thrusters/t1/cmd": "std_msgs/Float64",
         "/rov/thrusters/t2/cmd": "std_msgs/Float64", "/rov/thrusters/t3/cmd": "std_msgs/Float64", "/rov/fin/cmd": "std_msgs/Float64",
         "/rov/tow/cmd": "geometry_msgs/Wrench", "/rov/tow/cmd_stamped": "geometry_msgs/WrenchStamped",
@@ -45,7 +45,7 @@ def test_numbers_reach_their_actuator(made):
 
 
 def test_one_thruster_alone_leaves_the_others_as_they_were_told(made):
-    held = made.inlets["/rov/thrusters/cmd"].held
+    held = made.command_topics["/rov/thrusters/cmd"].held
 
     def ask(topic, data):
         told = value(made, f"/rov/thrusters/{topic}", {"data": data})[1]["u"]
@@ -95,12 +95,12 @@ BOAT = Port(
 
 def test_an_external_vehicle_follows_odometry():
     types = Types()
-    found = {inlet.topic: inlet for inlet in inlets(types, BOAT)}
+    found = {command_topic.name: command_topic for command_topic in command_topics(types, BOAT)}
     assert set(found) == {"/boat/pose/cmd", "/boat/pose/odometry"}
 
     def follow(topic, **given):
-        inlet = found[topic]
-        return inlet.value(built(types, inlet.type, given))
+        command_topic = found[topic]
+        return command_topic.value(built(types, command_topic.type, given))
 
     q = dict(zip("wxyz", attitude(quat_from_rpy(0.0, 0.0, 30 * DEG)), strict=True))
     pose = {"position": {"x": 1.0, "y": 2.0, "z": -3.0}, "orientation": q}
@@ -147,8 +147,8 @@ def test_an_unknown_actuator_has_a_message_of_its_own(made):
         "Arm.",
     )
     types = Types()
-    (inlet,) = inlets(types, arm)
-    assert inlet.value(built(types, inlet.type, {"q": [1.0, 2.0]})) == {"q": [1.0, 2.0]}
+    (command_topic,) = command_topics(types, arm)
+    assert command_topic.value(built(types, command_topic.type, {"q": [1.0, 2.0]})) == {"q": [1.0, 2.0]}
 
 
 # -- services -----------------------------------------------------------------------------------------------------------------------------

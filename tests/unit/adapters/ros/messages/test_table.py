@@ -59,13 +59,13 @@ def test_another_vendor_writes_the_same_bytes(made, told):
 
 
 def test_the_short_cut_of_imu_gives_the_same_bytes(made):
-    (outlet,) = (outlet for outlet in made.outlets if outlet.topic == "/rov/imu")
+    (sensor_topic,) = (sensor_topic for sensor_topic in made.sensor_topics if sensor_topic.name == "/rov/imu")
     for name in ("rov/imu", "a/longer_name", "x/y"):
         port = PORTS["rov/imu"]
         given = sample(port)
-        assert outlet.cdr(given) == made.types.cdr(outlet.make(given)), name
-    assert outlet.cdr(sample(port, f_S=(None, 0.0, 0.0))) is None
-    assert outlet.cdr(sample(port, valid=False)) is None
+        assert sensor_topic.cdr(given) == made.types.cdr(sensor_topic.make(given)), name
+    assert sensor_topic.cdr(sample(port, f_S=(None, 0.0, 0.0))) is None
+    assert sensor_topic.cdr(sample(port, valid=False)) is None
 
 
 @pytest.mark.parametrize("distro", DISTROS)
@@ -106,10 +106,10 @@ def _cpu_us(function, times=2000):
 
 def test_the_short_cut_of_imu_is_one(made):
     """Asked for are 8 us, which machines differ in; that it takes a third of the long way they do not."""
-    (outlet,) = (outlet for outlet in made.outlets if outlet.topic == "/rov/imu")
+    (sensor_topic,) = (sensor_topic for sensor_topic in made.sensor_topics if sensor_topic.name == "/rov/imu")
     given = sample(PORTS["rov/imu"])
-    slow = _cpu_us(lambda: made.types.cdr(outlet.make(given)))
-    assert _cpu_us(lambda: outlet.cdr(given)) < slow / 3
+    slow = _cpu_us(lambda: made.types.cdr(sensor_topic.make(given)))
+    assert _cpu_us(lambda: sensor_topic.cdr(given)) < slow / 3
 
 
 def test_an_image_costs_little_more_than_its_copies(made):
@@ -200,8 +200,8 @@ def test_one_story_in_all_messages():
     def message(topic, **changed):
         found = [
             m
-            for o in made.outlets
-            if o.topic == topic
+            for o in made.sensor_topics
+            if o.name == topic
             for path in o.ports
             if (m := o.make(sample(PORTS[path], **changed.get(path, {}))))
         ]
@@ -304,20 +304,20 @@ def test_dvl_tells_of_the_bottom_and_of_the_water(told):
 
 
 def test_no_echo_is_infinitely_far(made):
-    (outlet,) = (outlet for outlet in made.outlets if outlet.topic == "/rov/altimeter")
+    (sensor_topic,) = (sensor_topic for sensor_topic in made.sensor_topics if sensor_topic.name == "/rov/altimeter")
     port = PORTS["rov/altimeter"]
-    assert outlet.make(sample(port)).range == 12.5
-    assert outlet.make(sample(port, valid=False, range=None)).range == math.inf
-    assert outlet.make(sample(port)).header.frame_id == "rov/altimeter_beam"
+    assert sensor_topic.make(sample(port)).range == 12.5
+    assert sensor_topic.make(sample(port, valid=False, range=None)).range == math.inf
+    assert sensor_topic.make(sample(port)).header.frame_id == "rov/altimeter_beam"
 
 
 def test_gps_says_when_it_has_no_fix(made):
-    (outlet,) = (outlet for outlet in made.outlets if outlet.topic == "/rov/gps")
-    good = outlet.make(sample(PORTS["rov/gps"]))
+    (sensor_topic,) = (sensor_topic for sensor_topic in made.sensor_topics if sensor_topic.name == "/rov/gps")
+    good = sensor_topic.make(sample(PORTS["rov/gps"]))
     assert (good.status.status, good.latitude, good.altitude) == (0, pytest.approx(63.43), pytest.approx(40.5))
     assert good.position_covariance == pytest.approx(np.diag([2.25, 2.25, 6.25]).ravel())
     under_water = sample(PORTS["rov/gps"], valid=False, latitude=None, longitude=None, height=None, fix=0)
-    assert outlet.make(under_water).status.status == -1
+    assert sensor_topic.make(under_water).status.status == -1
 
 
 def test_sonar_is_an_image_of_one_beam(told):
@@ -346,8 +346,8 @@ def test_a_side_scan_is_a_raw_image_of_two_beams(made, told):
     assert image.rx_angles == pytest.approx([-60 * DEG, 60 * DEG])  # 30 degrees below the horizon
     assert (image.header.frame_id, image.ping_info.frequency) == ("rov/side_fsd", 450e3)
     pressure = [Buffer.of(np.array(row, np.float32)) for row in ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0))]
-    (outlet,) = (outlet for outlet in made.outlets if outlet.topic == "/rov/side")
-    image = outlet.make(sample(PORTS["rov/side"], port=pressure[0], starboard=pressure[1])).image
+    (sensor_topic,) = (sensor_topic for sensor_topic in made.sensor_topics if sensor_topic.name == "/rov/side")
+    image = sensor_topic.make(sample(PORTS["rov/side"], port=pressure[0], starboard=pressure[1])).image
     assert (image.dtype, image.data.view(np.float32).tolist()) == (8, [1.0, 4.0, 2.0, 5.0, 3.0, 6.0])
 
 
@@ -374,21 +374,21 @@ def test_soundings_are_travel_times_and_angles_too(made, told):
     assert ping.rx_angles == pytest.approx([-1.0, 0.0, 1.0])
     assert ping.intensities == pytest.approx([110.0, math.nan, 109.0], nan_ok=True)
     assert ping.tx_angles.tolist() == ping.tx_delays.tolist() == [0.0] * 3
-    (outlet,) = (outlet for outlet in made.outlets if outlet.topic == "/rov/swath/detections")
-    assert outlet.make(sample(PORTS["rov/swath"], valid=False)) is None
+    (sensor_topic,) = (sensor_topic for sensor_topic in made.sensor_topics if sensor_topic.name == "/rov/swath/detections")
+    assert sensor_topic.make(sample(PORTS["rov/swath"], valid=False)) is None
 
 
 def test_pressures_are_floats_and_complex_echoes_have_no_message(made):
     counts = PORTS["rov/sonar"]
     loud = structs.replace(counts, fields=(*counts.fields[:3], Field("bins", "Pa", "amplitude", shape=(4,))))
-    (outlet,) = scanning_sonar(RosPort(made.types, made.facts, loud))
-    image = outlet.make(sample(counts, bins=(0.25, 300.0, 0.0, 1e-3))).image
+    (sensor_topic,) = scanning_sonar(RosPort(made.types, made.facts, loud))
+    image = sensor_topic.make(sample(counts, bins=(0.25, 300.0, 0.0, 1e-3))).image
     assert (image.dtype, image.beam_count) == (8, 1)
     assert image.data.view(np.float32).tolist() == pytest.approx([0.25, 300.0, 0.0, 1e-3])
     waves = Buffer.of(np.zeros((4, 2), np.float32))
-    assert outlet.make(sample(counts, bins=waves)) is None
-    (outlet,) = (outlet for outlet in made.outlets if outlet.topic == "/rov/side")
-    assert outlet.make(sample(PORTS["rov/side"], port=waves, starboard=waves)) is None
+    assert sensor_topic.make(sample(counts, bins=waves)) is None
+    (sensor_topic,) = (sensor_topic for sensor_topic in made.sensor_topics if sensor_topic.name == "/rov/side")
+    assert sensor_topic.make(sample(PORTS["rov/side"], port=waves, starboard=waves)) is None
 
 
 def test_a_profiling_sonar_tells_one_range_and_where_it_looked(made, told):
@@ -396,8 +396,8 @@ def test_a_profiling_sonar_tells_one_range_and_where_it_looked(made, told):
     (unit,) = ping.beam_unit_vec
     assert (unit.x, unit.y, unit.z) == pytest.approx((math.cos(0.5), math.sin(0.5), 0.0))
     assert (ping.ranges.tolist(), ping.intensities.tolist(), ping.flags[0].flag) == ([8.0], [120.0], 0)
-    (outlet,) = (outlet for outlet in made.outlets if outlet.topic == "/rov/profiler")
-    nothing = outlet.make(sample(PORTS["rov/profiler"], valid=False, range=None, level=None))
+    (sensor_topic,) = (sensor_topic for sensor_topic in made.sensor_topics if sensor_topic.name == "/rov/profiler")
+    nothing = sensor_topic.make(sample(PORTS["rov/profiler"], valid=False, range=None, level=None))
     assert nothing.flags[0].flag == 1
     assert np.isnan(nothing.ranges[0])
 
@@ -438,23 +438,23 @@ def test_an_unknown_kind_has_a_message_of_its_own(made, told):
 
 def test_what_could_not_be_measured_is_not_told(made):
     says_so = {"/rov/altimeter", "/rov/gps", "/rov/strange", "/rov/mode", "/diagnostics"}
-    for outlet in made.outlets:
-        for path in outlet.ports:
+    for sensor_topic in made.sensor_topics:
+        for path in sensor_topic.ports:
             port = PORTS[path]
             blank = {f.name: (None,) * f.size if f.shape else None for f in port.fields}
             for valid in (False, True):  # also where somebody says valid and gives nothing
-                message = outlet.make(sample(port, valid=valid, **blank))
-                if not valid and outlet.topic not in says_so:
-                    assert message is None, outlet.topic
+                message = sensor_topic.make(sample(port, valid=valid, **blank))
+                if not valid and sensor_topic.name not in says_so:
+                    assert message is None, sensor_topic.name
                 if message is not None:
                     made.types.cdr(message)
 
 
 def test_the_truth_moves_frames_only_where_it_is_asked_for():
     with_truth = catalogue(facts=Facts(tf="truth"))
-    assert [o.ports[0] for o in with_truth.outlets if o.topic == "/tf"] == ["rov/truth/pose"]
-    assert [o for o in catalogue(facts=Facts(tf="none")).outlets if o.topic == "/tf"] == []
-    assert [o.ports[0] for o in catalogue().outlets if o.topic == "/tf"] == ["rov/autopilot/state"]
+    assert [o.ports[0] for o in with_truth.sensor_topics if o.name == "/tf"] == ["rov/truth/pose"]
+    assert [o for o in catalogue(facts=Facts(tf="none")).sensor_topics if o.name == "/tf"] == []
+    assert [o.ports[0] for o in catalogue().sensor_topics if o.name == "/tf"] == ["rov/autopilot/state"]
     assert FACTS.tf == "estimate"
 
 
@@ -557,7 +557,7 @@ def test_configured_errors_reach_the_covariance():
         bare_scene(Cast(1, (), ()), WORLD), vehicles=(BodyView("rov", "x", "rov", (), sensors=(view,)),)
     )
     facts = Facts(epoch_ns=EPOCH_NS, mounts=mounts_of(scene))
-    (outlet,) = (outlet for outlet in catalogue(facts=facts).outlets if outlet.topic == "/rov/imu")
-    imu = Types().from_cdr(outlet.cdr(sample(PORTS["rov/imu"])), "sensor_msgs/msg/Imu")
+    (sensor_topic,) = (sensor_topic for sensor_topic in catalogue(facts=facts).sensor_topics if sensor_topic.name == "/rov/imu")
+    imu = Types().from_cdr(sensor_topic.cdr(sample(PORTS["rov/imu"])), "sensor_msgs/msg/Imu")
     assert imu.angular_velocity_covariance == pytest.approx(np.diag([4e-4] * 3).ravel())
     assert imu.linear_acceleration_covariance == pytest.approx(np.diag([0.01, 0.04, 0.09]).ravel())
