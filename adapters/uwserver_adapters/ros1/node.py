@@ -19,7 +19,7 @@ from uwserver_adapters.ros1.links import Subscription, ask, place_of
 
 log = logging.getLogger(__name__)
 
-LOOK_S = 1.0
+CHECK_S = 1.0
 """Wall time between two checks whether the master still knows this node."""
 LEAVE_S = 0.5
 """Wall time to unregister at the master when this node ends."""
@@ -213,7 +213,7 @@ class Node:
             await self._follow()
             self._changed.clear()
             with contextlib.suppress(OSError):
-                await within(LOOK_S, self._changed.wait(), "nothing has changed")
+                await within(CHECK_S, self._changed.wait(), "nothing has changed")
 
     async def _register(self) -> None:
         """Register what is new at the master, and unregister what has gone.

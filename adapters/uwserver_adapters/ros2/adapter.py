@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from uwserver_adapters.ros2.rmw_dds import DdsCarrier
     from uwserver_adapters.ros2.rmw_zenoh import ZenohCarrier
 
-LOOK_S = 0.5
-"""Wall time between two looks for subscribers."""
+REFRESH_S = 0.5
+"""Wall time between two checks for subscribers."""
 
 
 class Ros2Adapter(AdapterBase[Ros2Config]):
@@ -73,8 +73,8 @@ class Ros2Adapter(AdapterBase[Ros2Config]):
             node.feed.begin()
             with serving(self.context, node.feed, self.context.stats.address, ready):
                 while True:
-                    carrier.look()
-                    await asyncio.sleep(LOOK_S)
+                    carrier.refresh()
+                    await asyncio.sleep(REFRESH_S)
         finally:
             await node.close()
             carrier.close()

@@ -161,7 +161,7 @@ class DdsCarrier:
 
     # -- the graph --------------------------------------------------------------------------------------------------------------------------
 
-    def look(self) -> None:
+    def refresh(self) -> None:
         """Publish the node's name and endpoints if they have changed."""
         self._stats.peers = len({str(p) for p in self._graph.get_matched_subscriptions()})
         if not self._is_changed:

@@ -58,14 +58,14 @@ class _Writer:
         self._watched, self._publisher = carrier.publisher(key, latched)
         self._listener = self._watched.declare_matching_listener(direct(self._matches))
         carrier.writers[topic] = self
-        self.look()
+        self.refresh_matching()
 
     def _matches(self, status: Any) -> None:
         """Note whether somebody subscribes now. Called on a zenoh thread."""
         with contextlib.suppress(RuntimeError):  # the loop has ended
             self._carrier.loop.call_soon_threadsafe(self._set_heard, status.matching)
 
-    def look(self) -> None:
+    def refresh_matching(self) -> None:
         """Ask whether somebody subscribes: zenoh tells its listeners a little after it knows."""
         status: Any = self._watched.matching_status
         if status.matching:
@@ -185,11 +185,11 @@ class ZenohCarrier:
         """See `Carrier`."""
         return _Writer(self, topic, type_name, latched, heard)
 
-    def look(self) -> None:
+    def refresh(self) -> None:
         """Find subscribers of which zenoh has not told yet."""
         for writer in list(self.writers.values()):
             if not writer.is_heard:
-                writer.look()
+                writer.refresh_matching()
 
     def listen(self, topic: str, type_name: str, take: Callable[[bytes, str], None]) -> Callable[[], None]:
         """See `Carrier`."""

@@ -57,7 +57,7 @@ class RtspConnection(Connection):
         self._stream: Stream | None = None
         self._waits_for_key = True
         self._heard_at = self.loop.time()
-        self._look = self.loop.call_later(1.0, self._attend)
+        self._idle_timer = self.loop.call_later(1.0, self._attend)
 
     # -- requests -------------------------------------------------------------------------------------------------------------------
 
@@ -195,7 +195,7 @@ class RtspConnection(Connection):
         patience = IDLE_S if self._stream is None else self._config.keep_alive_s
         rest = self._heard_at + patience - self.loop.time()
         if rest > 0 or self.is_stranger:
-            self._look = self.loop.call_later(max(min(rest, 1.0), 0.05), self._attend)
+            self._idle_timer = self.loop.call_later(max(min(rest, 1.0), 0.05), self._attend)
             return
         self.peers.refusals.note("silent", f"a client sent nothing for {patience:g} s and is disconnected")
         self.close()
@@ -208,7 +208,7 @@ class RtspConnection(Connection):
 
     def stop(self) -> None:
         """End the session: the connection is closing."""
-        self._look.cancel()
+        self._idle_timer.cancel()
         if self._session is not None:
             self._session.end()
         self._forget_udp()

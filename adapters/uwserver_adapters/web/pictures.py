@@ -54,7 +54,7 @@ class Pictures:
         """Ports that somebody shows."""
         return frozenset(self._wanted)
 
-    def look(self, viewer: Viewer, ports: Sequence[str]) -> dict[str, int]:
+    def show(self, viewer: Viewer, ports: Sequence[str]) -> dict[str, int]:
         """Send a viewer the pictures of these ports, and of no others, from now on.
 
         Returns:

@@ -97,7 +97,7 @@ class WebService(NativeService):
         if pictures is not None:
             if not isinstance(pictures, list) or not all(isinstance(path, str) for path in pictures):
                 raise Refused("bad_argument", '"pictures" must be a list of paths of ports', "pictures")
-            numbers = self.pages.pictures.look(page, pictures)
+            numbers = self.pages.pictures.show(page, pictures)
         page.wants_frames = frames
         self.pages.follow()
         return {"frames": frames, "pictures": numbers}

@@ -34,7 +34,7 @@ log = logging.getLogger(__name__)
 
 TRIES = 64
 """Most TCP ports that are tried for one port of YARP, where they are in use."""
-LOOK_S = 1.0
+CHECK_S = 1.0
 """Wall time between two checks whether the name server still knows this server."""
 LEAVE_S = 0.5
 """Wall time to unregister at the name server when this server ends."""
@@ -90,9 +90,9 @@ class YarpAdapter(AdapterBase[YarpConfig]):
             with serving(context, self, address_text(config.bind, clock), ready):
                 try:
                     while True:
-                        await self._look()
+                        await self._stay_registered()
                         with contextlib.suppress(OSError):
-                            await within(LOOK_S, self._changed.wait(), "nothing has changed")
+                            await within(CHECK_S, self._changed.wait(), "nothing has changed")
                         if self._changed.is_set():
                             self._changed.clear()
                             await self._open(stack)
@@ -138,7 +138,7 @@ class YarpAdapter(AdapterBase[YarpConfig]):
 
     # -- the name server --------------------------------------------------------------------------------------------------------------------
 
-    async def _look(self) -> None:
+    async def _stay_registered(self) -> None:
         """Stay registered at a name server that may come and go."""
         try:
             await self._register()

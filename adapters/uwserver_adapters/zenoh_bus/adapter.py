@@ -67,7 +67,7 @@ class ZenohAdapter(AdapterBase[ZenohConfig]):
         codecs: dict[EncodingName, Codec] = {"json": Codec("json"), "msgpack": Codec("msgpack")}
         publications = Publications(self.context, session, keys, codecs[config.encoding], sender)
         requests = Requests(
-            self.context, keys, codecs, config.encoding, config.call_timeout_s, publications.tell, publications.look
+            self.context, keys, codecs, config.encoding, config.call_timeout_s, publications.tell, publications.refresh_matching
         )
 
         def inbox(take: Callable[[Any], None]) -> Callable[[Any], None]:
@@ -92,7 +92,7 @@ class ZenohAdapter(AdapterBase[ZenohConfig]):
         try:
             with serving(self.context, publications, stats.address, ready):
                 while True:
-                    publications.look()
+                    publications.refresh_matching()
                     # A named client behind a router is known only by its token. Most clients use the id of their session as name.
                     stats.peers = len({str(peer.zid) for peer in session.info.transports()} | self._clients)
                     await asyncio.sleep(PEERS_S)

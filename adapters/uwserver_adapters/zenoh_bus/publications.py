@@ -54,7 +54,7 @@ class _Outlet:
         self.is_heard = False
         if publisher is not None:
             self.listener = publisher.declare_matching_listener(direct(self._matches))
-            self.look()
+            self.refresh_matching()
 
     def close(self) -> None:
         if self.token is not None:
@@ -67,7 +67,7 @@ class _Outlet:
         self.is_heard = status.matching
         self.changed()
 
-    def look(self) -> None:
+    def refresh_matching(self) -> None:
         """Ask whether somebody subscribes. A "no" is ignored: the listener may have said "yes" meanwhile."""
         if self.publisher is not None:
             status: Any = self.publisher.matching_status  # zenoh's stub says bool, but it is a MatchingStatus
@@ -126,11 +126,11 @@ class Publications:
             self._vehicles[name] = liveliness.declare_token(self._keys.alive(name))
         self._follow()
 
-    def look(self) -> None:
+    def refresh_matching(self) -> None:
         """Find subscribers of which zenoh has not told yet: it tells its listeners a little after it knows."""
         for outlet in (*self._outlets.values(), *self._jpegs.values()):
             if not outlet.is_heard:
-                outlet.look()
+                outlet.refresh_matching()
         self._follow()
 
     def _changed(self) -> None:
@@ -141,7 +141,7 @@ class Publications:
                 self._loop.call_soon_threadsafe(self._follow)
 
     def _follow(self) -> None:
-        self._is_following = False  # before the look, so that a change during it is followed again
+        self._is_following = False  # before it asks, so that a change during it is followed again
         outlets = (*self._outlets.items(), *self._jpegs.items())
         wanted = frozenset(path for path, outlet in outlets if outlet.is_heard)
         if wanted != self.wanted:

@@ -95,16 +95,16 @@ class Requests:
         default: encoding of answers to requests without a payload.
         call_timeout_s: wall time after which a long-running call of an unnamed caller is cancelled, s.
         tell: publishes a message under a key.
-        look: finds new subscribers. Declarations overtake queries: a peer that subscribes and then asks misses no sample after the answer.
+        refresh_matching: finds new subscribers. Declarations overtake queries: a peer that subscribes and then asks misses no sample after the answer.
     """
 
     def __init__(
         self, context: AdapterContext, keys: KeyScheme, codecs: Mapping[EncodingName, Codec], default: EncodingName,
-        call_timeout_s: float, tell: Callable[[str, object], None], look: Callable[[], None],
+        call_timeout_s: float, tell: Callable[[str, object], None], refresh_matching: Callable[[], None],
     ) -> None:  # fmt: skip
         self._context, self._keys, self._codecs = context, keys, codecs
         self._default: EncodingName = default
-        self._call_timeout_s, self._tell, self._look = call_timeout_s, tell, look
+        self._call_timeout_s, self._tell, self._refresh_matching = call_timeout_s, tell, refresh_matching
         self._chores = Chores()
         self._owed = Owed()
         self._strangers = Conversation(context, UNNAMED, self._owed)
@@ -187,10 +187,10 @@ class Requests:
     def _answer(self, question: Question, codec: Codec) -> None:
         key = question.key
         if "*" in key:
-            self._look()
+            self._refresh_matching()
             self._chores.add(self._ask_all(question, codec))
         elif key == self._keys.describe:
-            self._look()
+            self._refresh_matching()
             self._reply(question, codec, self._context.describe(question.parameters.get("pattern") or "**"))
         elif key == self._keys.hello:
             self._reply(question, codec, self._hello(question, codec))
@@ -204,7 +204,7 @@ class Requests:
         if port is not None and port.direction == "sensor":
             if question.payload:
                 raise Refused("bad_argument", f'"{path}" is a sensor: it takes no commands', path)
-            self._look()
+            self._refresh_matching()
             self._ask(question, (path,))
             return
         caller = decode_caller(question.attachment)

@@ -70,7 +70,7 @@ class ZenohLink(Link):
     async def attend(self) -> None:
         """Ask who listens. Zenoh connects again by itself."""
         if self._json is not None:
-            self._json.look()
+            self._json.refresh_matching()
 
     async def close(self) -> None:
         """Close the session, which ends its threads."""

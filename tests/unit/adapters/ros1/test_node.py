@@ -153,7 +153,7 @@ def test_it_registers_and_comes_back_after_the_master(monkeypatch: pytest.Monkey
     # The first master is closed within the story.
     monkeypatch.setattr(Master, "close", _closed_once(Master.close))
     monkeypatch.setattr(links, "RETRY_S", 0.05)
-    monkeypatch.setattr(node, "LOOK_S", 0.05)
+    monkeypatch.setattr(node, "CHECK_S", 0.05)
     run(story)
 
 

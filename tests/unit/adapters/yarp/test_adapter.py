@@ -163,7 +163,7 @@ def test_all_ports_are_registered_and_unregistered() -> None:
 
 
 def test_a_name_server_that_comes_late_dies_and_forgets(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "LOOK_S", 0.02)
+    monkeypatch.setattr(module, "CHECK_S", 0.02)
 
     async def story(context: FakeContext, server: NameServer) -> None:
         await server.close()
@@ -181,7 +181,7 @@ def test_a_name_server_that_comes_late_dies_and_forgets(monkeypatch: pytest.Monk
 
 
 def test_a_prefix_that_another_server_has_taken_is_told_and_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "LOOK_S", 0.02)
+    monkeypatch.setattr(module, "CHECK_S", 0.02)
 
     async def story(context: FakeContext, server: NameServer) -> None:
         async with serving(table(server), context):

@@ -64,10 +64,10 @@ def test_the_world_is_told_what_is_subscribed_to(monkeypatch: pytest.MonkeyPatch
         await asyncio.sleep(0)
         assert context.wanted == {"rov/depth"}
         session.heard["rov/imu"] = True  # its listener is late
-        publications.look()
+        publications.refresh_matching()
         assert context.wanted == {"rov/imu", "rov/depth"}, "at once: an answer may follow"
         calls = follow.call_count
-        publications.look()
+        publications.refresh_matching()
         assert follow.call_count == calls, "nothing is new"
         session.heard["rov2/depth"] = True  # subscribed to before it is there
         context.set_ports([DEPTH, THRUSTERS, replace(DEPTH, path="rov2/depth")])
