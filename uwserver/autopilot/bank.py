@@ -9,12 +9,12 @@ import msgspec
 import numpy as np
 from msgspec import structs
 
-from uwserver.autopilot.craft import Craft
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.mission import Item
 from uwserver.autopilot.records import Beside, Live, record
 from uwserver.autopilot.rows import DEVICE, FORMS, PILOT, REMEMBERED, SOURCE
 from uwserver.autopilot.state import Estimate, Memory, Orders, Remembered
+from uwserver.autopilot.vehicle_spec import VehicleSpec
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.straight import address_of, straight
@@ -24,7 +24,7 @@ class Seat:
     """The rows of one autopilot: its own, or in the bank of a world.
 
     Attributes:
-        craft: its vehicle.
+        spec: its vehicle.
         estimate, memory, orders: its records, which read and write the row.
         row, devices: a PILOT, and a DEVICE for each of its devices.
         k, source: number of its row in the bank, and of the first SOURCE of its sensors.
@@ -32,9 +32,9 @@ class Seat:
 
     source: int
 
-    def __init__(self, craft: Craft) -> None:
-        self.craft = craft
-        self._gains = craft.gains
+    def __init__(self, spec: VehicleSpec) -> None:
+        self.spec = spec
+        self._gains = spec.gains
         self._items: tuple[Item, ...] = ()
         outputs = Beside(lambda: tuple(self.devices["part"].tolist()), self._set_outputs)
         gains = Beside(lambda: self._gains, self._set_gains)
@@ -46,9 +46,9 @@ class Seat:
             Live(Orders, {"gains": gains, "items": items, "test": test}),
         )
         self.estimate, self.memory, self.orders = cast("tuple[Estimate, Memory, Orders]", self._live)
-        self.lie(None, 0, np.zeros(1, PILOT), craft.allocation.devices.copy())
-        craft.fill(self.row["c"])
-        self.write(craft.begin(), Memory(), Orders(gains=craft.gains, mode=craft.mode))
+        self.lie(None, 0, np.zeros(1, PILOT), spec.allocation.devices.copy())
+        spec.fill(self.row["c"])
+        self.write(spec.begin(), Memory(), Orders(gains=spec.gains, mode=spec.mode))
         self.switch()
 
     def lie(self, bank: Bank | None, k: int, pilots: Any, devices: Any) -> None:
@@ -89,7 +89,7 @@ class Seat:
         """
         wide = 8 * len(self.devices)
         if len(kept.row) != REMEMBERED.itemsize or len(kept.outputs) != wide or len(kept.test) not in (0, wide):
-            raise ValueError(f'"{self.craft.path}" was saved by another version, or with other actuators')
+            raise ValueError(f'"{self.spec.path}" was saved by another version, or with other actuators')
         row: Any = np.frombuffer(kept.row, REMEMBERED)[0]
         outputs, test = (tuple(np.frombuffer(data).tolist()) for data in (kept.outputs, kept.test))
         return (
@@ -136,7 +136,7 @@ class Seat:
 
     def hear(self, port: str, values: Sequence[Any], t_ns: int, now_ns: int) -> None:
         """Correct the estimate by a valid sample of one of its ports."""
-        place, numbers = self.craft.hearing.numbers(port, values)
+        place, numbers = self.spec.hearing.numbers(port, values)
         self.bank.entries.hear_one(self.bank.table, self.source + place, numbers, t_ns, now_ns)
 
     def tell(self, t_ns: int, row: FloatArray) -> int:
@@ -151,7 +151,7 @@ class Seat:
     def switch(self) -> None:
         """Find out which actuators are switched on."""
         first = 0
-        for slot, count in zip(self.craft.held, self.craft.shares, strict=True):
+        for slot, count in zip(self.spec.held, self.spec.shares, strict=True):
             self.devices["active"][first : first + count] = slot.active
             first += count
 
@@ -182,8 +182,8 @@ class Bank:
             count: of these numbers.
         """
         gone, self.seats = self.seats, tuple(seats)
-        hearings = [seat.craft.hearing for seat in self.seats]
-        allocations = [seat.craft.allocation for seat in self.seats]
+        hearings = [seat.spec.hearing for seat in self.seats]
+        allocations = [seat.spec.allocation for seat in self.seats]
         pilots: Any = np.zeros(len(self.seats), PILOT)
         devices = _records(DEVICE, [seat.devices for seat in self.seats])
         sources = _records(SOURCE, [each.rows for each in hearings])

@@ -1,6 +1,6 @@
 """The estimator: attitude, depth, velocity, position and altitude of a vehicle, from delivered samples of its own sensors.
 
-Compiled code. In all functions `e` is the ESTIMATE of a vehicle, `c` its CRAFT, `source` the SOURCE of a stream, `v` a sample of it as numbers,
+Compiled code. In all functions `e` is the ESTIMATE of a vehicle, `c` its SPEC, `source` the SOURCE of a stream, `v` a sample of it as numbers,
 `t_ns` the time of the measurement, and `late` its age, s.
 """
 

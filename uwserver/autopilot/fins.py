@@ -103,7 +103,7 @@ def allocate_fins(c: Any, devices: Array, tau: Six, speed: float) -> Six:
     Pitch and roll come before yaw: for a torpedo it is worse to lose its depth than to leave its line.
 
     Args:
-        c: CRAFT.
+        c: SPEC.
         devices: DEVICE rows, first of the fins, then of the shafts.
         tau: demanded (6), N and N m in B; axes that are out of reach are ignored.
         speed: surge through the water, m/s.

@@ -57,7 +57,7 @@ def fly(p: Any, devices: Array, curves: Array, t_ns: int, stage: int) -> int:
     """Make a step, or continue one.
 
     Args:
-        p: PILOT; `gives` of its CRAFT becomes 1 if the step makes new commands, which are then in `force` of the devices.
+        p: PILOT; `gives` of its SPEC becomes 1 if the step makes new commands, which are then in `force` of the devices.
         devices: its DEVICE rows.
         curves: of all devices.
         t_ns: simulation time.

@@ -1,6 +1,6 @@
 """Control of a vehicle that can hover: cascades from position to velocity to force, and from attitude to rate to moment.
 
-Compiled code. In all functions `e` is the ESTIMATE of a vehicle, `m` its MEMORY, `o` its ORDERS, `c` its CRAFT, and `now` is from `modes.known`.
+Compiled code. In all functions `e` is the ESTIMATE of a vehicle, `m` its MEMORY, `o` its ORDERS, `c` its SPEC, and `now` is from `modes.known`.
 """
 
 from __future__ import annotations

@@ -8,13 +8,13 @@ from typing import cast
 
 from uwserver.autopilot import route
 from uwserver.autopilot.bank import Seat
-from uwserver.autopilot.craft import Craft, Held
 from uwserver.autopilot.flight import ARRIVED, BEGIN, CONTROL, DONE, FAILSAFE, NOTHING, PROGRESS, READY, STEER, WATCH
 from uwserver.autopilot.mission import Item, Waypoint
 from uwserver.autopilot.modes import FOLLOWS, REMEDY, Known, known, missing, refuge
 from uwserver.autopilot.plausibility import refuse_impossible
 from uwserver.autopilot.state import Mode, Parts, Reason, Remembered, Six
 from uwserver.autopilot.sticks import enter
+from uwserver.autopilot.vehicle_spec import Held, VehicleSpec
 from uwserver.physics.kernel.arrays import IntArray
 from uwserver.ports import Fault, Json, Refused
 from uwserver.ports.crossing import Answers, Later
@@ -26,24 +26,24 @@ class Autopilot:
     All that it remembers is in `estimate`, `memory` and `orders`, apart from one call that waits for its reply.
 
     Attributes:
-        craft: its vehicle.
+        spec: its vehicle.
         seat: its rows.
         estimate, memory, orders: its records, which are in the rows.
         set_points: slots of its own ports, by name, without that of the pilot. They take commands only in some modes.
     """
 
     def __init__(
-        self, craft: Craft, now: Callable[[], tuple[int, int]], say: Callable[[str], None], answers: Answers
+        self, spec: VehicleSpec, now: Callable[[], tuple[int, int]], say: Callable[[str], None], answers: Answers
     ) -> None:
         """Make the autopilot of a vehicle.
 
         Args:
-            craft: the vehicle.
+            spec: the vehicle.
             now: returns tick and simulation time (ns).
             say: sends a text to all clients.
             answers: the list for replies of calls that wait.
         """
-        self.craft, self.seat = craft, Seat(craft)
+        self.spec, self.seat = spec, Seat(spec)
         self.estimate, self.memory, self.orders = self.seat.estimate, self.seat.memory, self.seat.orders
         self.set_points: dict[str, Held] = {}
         self._now, self._send = now, say
@@ -53,11 +53,11 @@ class Autopilot:
 
     def begin(self) -> None:
         """Start, when the world is built."""
-        self.orders.armed = self.orders.waits = self.craft.armed
+        self.orders.armed = self.orders.waits = self.spec.armed
         self._take_hold()
 
     def _say(self, text: str) -> None:
-        self._send(f'"{self.craft.path}" {text}')
+        self._send(f'"{self.spec.path}" {text}')
 
     # -- the step -------------------------------------------------------------------------------------------------------------------
 
@@ -89,7 +89,7 @@ class Autopilot:
             self._watch(self.known)
             return STEER if o.armed else None  # a fail-safe ends a test, which disarms
         if need == BEGIN:
-            route.begin(o, self.estimate, self.craft.arrival_m, self.known.altitude)
+            route.begin(o, self.estimate, self.spec.arrival_m, self.known.altitude)
             self._tell_item()
             return STEER
         if need == DONE:
@@ -112,7 +112,7 @@ class Autopilot:
 
     def _watch(self, now: Known) -> None:
         """Carry out the fail-safes that are due."""
-        e, o, craft = self.estimate, self.orders, self.craft
+        e, o, spec = self.estimate, self.orders, self.spec
         lost = missing(o.mode, now)
         if lost:
             mode = refuge(o.mode, now)
@@ -125,9 +125,9 @@ class Autopilot:
                 o.failsafe = "" if o.failsafe == "sensor altitude" else o.failsafe
                 self._say(f"the bottom is seen again: it goes at an altitude of {o.altitude:g} m")
         if e.leak and o.failsafe != "leak":
-            self._fail("leak", "surface" if craft.on_leak == "surface" else o.mode, "leak")
+            self._fail("leak", "surface" if spec.on_leak == "surface" else o.mode, "leak")
         if e.charge < o.gains.battery_low and o.failsafe not in ("leak", "battery"):
-            mode = "surface" if craft.on_low_battery == "surface" else o.mode
+            mode = "surface" if spec.on_low_battery == "surface" else o.mode
             self._fail("battery", mode, f"battery at {100.0 * e.charge:.0f} %")
 
     def _fail(self, reason: Reason, mode: Mode, text: str) -> None:
@@ -160,11 +160,11 @@ class Autopilot:
 
     def _check_mission(self, items: tuple[Item, ...], key: str) -> None:
         if not items:
-            raise Refused("denied", f"there is no mission: call {self.craft.path}/set_mission first", key)
+            raise Refused("denied", f"there is no mission: call {self.spec.path}/set_mission first", key)
 
     def _check_armed(self, key: str) -> None:
         if not self.orders.armed:
-            raise Refused("denied", f"the autopilot is not armed: call {self.craft.path}/arm first", key)
+            raise Refused("denied", f"the autopilot is not armed: call {self.spec.path}/arm first", key)
 
     def _enter(self, mode: Mode, why: str) -> None:
         before = self.orders.mode
@@ -204,7 +204,7 @@ class Autopilot:
         self.preempt("the autopilot was disarmed")
         o = self.orders
         o.armed, o.failsafe, o.pilot, o.test = False, "", "", ()
-        for slot in self.craft.held:
+        for slot in self.spec.held:
             slot.actuator.neutral()
         self.seat.forget()
         self._take_hold()
@@ -245,9 +245,9 @@ class Autopilot:
 
     def _take_hold(self) -> None:
         """Refuse the commands of others to the actuators while the autopilot is armed."""
-        path = self.craft.path
+        path = self.spec.path
         text = f"is held by the autopilot while it is armed: call {path}/disarm first, or steer by {path}/pilot"
-        for slot in (*self.craft.held, *self.craft.blocked):
+        for slot in (*self.spec.held, *self.spec.blocked):
             slot.refusal = text if self.orders.armed else ""
             if self.orders.armed:
                 slot.last_value = ()
@@ -258,10 +258,10 @@ class Autopilot:
         mode = self.orders.mode
         for name, slot in self.set_points.items():
             modes = FOLLOWS[name]
-            text = f"is not followed in mode {mode}: call {self.craft.path}/set_mode with {' or '.join(modes)} first"
+            text = f"is not followed in mode {mode}: call {self.spec.path}/set_mode with {' or '.join(modes)} first"
             slot.refusal = "" if mode in modes else text
         if "test" in self.set_points and (not self.orders.armed or self.orders.waits):
-            text = f"works while the autopilot is armed: call {self.craft.path}/arm first"
+            text = f"works while the autopilot is armed: call {self.spec.path}/arm first"
             self.set_points["test"].refusal = "waits for the sensors of its mode" if self.orders.waits else text
 
     def set_mission(self, items: tuple[Item, ...]) -> None:
@@ -272,7 +272,7 @@ class Autopilot:
         """
         for k, item in enumerate(items):
             if isinstance(item, Waypoint):
-                route.check_altitude(item, self.craft, self.orders.gains, f"item {k}: ", f"items[{k}]")
+                route.check_altitude(item, self.spec, self.orders.gains, f"item {k}: ", f"items[{k}]")
         o = self.orders
         o.items, o.entered, o.waited = items, False, 0.0
         route.start(o, -1)
@@ -312,14 +312,14 @@ class Autopilot:
         Raises:
             Refused: the autopilot is not armed, the mode cannot work, or the altitude cannot be flown.
         """
-        route.check_altitude(where, self.craft, self.orders.gains, "", "altitude_m")
+        route.check_altitude(where, self.spec, self.orders.gains, "", "altitude_m")
         self._check_armed("goto")
         if self.orders.mode == "guided":
             self.preempt("another goto was called")
         else:
             self.set_mode("guided")
         o, e = self.orders, self.estimate
-        near = self.craft.arrival_m if radius is None else radius
+        near = self.spec.arrival_m if radius is None else radius
         route.go(o, e, where, heading, speed, near, self.known.altitude)
         o.length = max(route.distance(o, e), 1e-9)
         self.seat.row["c"]["errand"], self.seat.row["c"]["silence"] = 1, 0.0
@@ -359,7 +359,7 @@ class Autopilot:
     def preempt(self, why: str) -> None:
         """End the call that waits, if there is one."""
         if self._errand is not None:
-            self._end(Fault("preempted", why, f"{self.craft.path}/{self._errand_name}"))
+            self._end(Fault("preempted", why, f"{self.spec.path}/{self._errand_name}"))
 
     def _end(self, fault: Fault | None) -> None:
         """Answer the call that waits: with a fault, or with its result."""
@@ -381,7 +381,7 @@ class Autopilot:
         Raises:
             ValueError: it is not a state of this vehicle, or it is impossible (`refuse_impossible`).
         """
-        refuse_impossible(self.craft.path, *self.seat.records(kept))
+        refuse_impossible(self.spec.path, *self.seat.records(kept))
 
     def load(self, kept: Remembered) -> None:
         """Restore a saved state. A call that waits ends."""

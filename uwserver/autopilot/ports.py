@@ -186,7 +186,7 @@ def _position(pilot: Autopilot) -> SetPoint:
 
 
 def _test(pilot: Autopilot) -> SetPoint:
-    names = pilot.craft.names
+    names = pilot.spec.names
     return SetPoint(
         (Field("outputs", "1", "parts of the full commands", "", (len(names),), minimum=-1.0, maximum=1.0),),
         "Tests the actuators that the autopilot commands, instead of controlling the vehicle; after half a second without a command it disarms. "

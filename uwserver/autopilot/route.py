@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 from uwserver.autopilot import flight
-from uwserver.autopilot.craft import Craft
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.mission import Hold, Item, SetHeading, SetSpeed, Surface, Waypoint
 from uwserver.autopilot.state import NAN, Estimate, Orders, SetPointName
 from uwserver.autopilot.sticks import wrapped
+from uwserver.autopilot.vehicle_spec import VehicleSpec
 from uwserver.frames import Vec3
 from uwserver.ports import Refused
 from uwserver.units import rad
@@ -25,12 +25,12 @@ def kind_of(item: Item) -> tuple[int, float]:
     return _KINDS[type(item)], lasts
 
 
-def check_altitude(where: Waypoint, craft: Craft, gains: Gains, at: str, key: str) -> None:
+def check_altitude(where: Waypoint, spec: VehicleSpec, gains: Gains, at: str, key: str) -> None:
     """Check that a vehicle can keep the altitude of a waypoint.
 
     Args:
         where: the waypoint.
-        craft, gains: of the vehicle.
+        spec, gains: of the vehicle.
         at: begin of the error text: which item.
         key: of the error.
 
@@ -39,10 +39,10 @@ def check_altitude(where: Waypoint, craft: Craft, gains: Gains, at: str, key: st
     """
     if where.altitude_m is None:
         return
-    if not craft.sees_bottom:
+    if not spec.sees_bottom:
         text = "altitude_m needs a sensor of kind altimeter or dvl in the vehicle: give depth_m instead"
         raise Refused("denied", at + text, key)
-    if not craft.dives:
+    if not spec.dives:
         raise Refused("denied", f"{at}altitude_m is for vehicles that dive: give depth_m instead", key)
     if where.altitude_m < gains.min_altitude_m:
         text = f"altitude_m = {where.altitude_m:g} is below the gain min_altitude_m of this vehicle, {gains.min_altitude_m:g}"

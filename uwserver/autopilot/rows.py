@@ -104,7 +104,7 @@ ORDERS = np.dtype(
 SHAFT = np.dtype([(name, "f8") for name in ("a", "b", "strength", "advance", "diameter", "astern", "limit")])
 """`fins.Shaft`."""
 
-CRAFT = np.dtype(
+SPEC = np.dtype(
     [
         ("divisor", "i8"),  # ticks per step
         ("dt", "f8"),  # of a step, s
@@ -143,7 +143,7 @@ CRAFT = np.dtype(
 REMEMBERED = np.dtype([("e", ESTIMATE), ("m", MEMORY), ("o", ORDERS)])
 """The part of a row that is saved with the world."""
 
-PILOT = np.dtype([*((name, REMEMBERED[name]) for name in REMEMBERED.names or ()), ("c", CRAFT)])
+PILOT = np.dtype([*((name, REMEMBERED[name]) for name in REMEMBERED.names or ()), ("c", SPEC)])
 """The row of one autopilot: REMEMBERED, and its vehicle."""
 
 DEVICE = np.dtype(

@@ -52,7 +52,7 @@ _VALUE = Argument("value", "float", "in the unit that its name or its text says"
 
 def services(pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
     """Yield all services, each with the function that carries it out."""
-    path = pilot.craft.path
+    path = pilot.spec.path
     yield from _state(path, pilot)
     yield from _goto(path, pilot)
     yield from _missions(path, pilot)
@@ -93,7 +93,7 @@ def _goto(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
             pilot.hold()
         return None
 
-    near = f"distance at which it has arrived; default: {pilot.craft.arrival_m:g}"
+    near = f"distance at which it has arrived; default: {pilot.spec.arrival_m:g}"
     radius = Argument("radius_m", "float", near, "m", required=False, minimum=0.01, maximum=1e4)
     yield (
         Service(

@@ -46,7 +46,7 @@ class StateSensor(IdealSensor):
 
     def __init__(self, pilot: Autopilot) -> None:
         self._pilot = pilot
-        names = pilot.craft.names
+        names = pilot.spec.names
         doc = f"commands of its actuators, parts of their full commands: {', '.join(names)}"
         self.fields = (*_STATE, Field("outputs", "1", doc, "", (len(names),)))
 

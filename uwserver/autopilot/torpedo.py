@@ -1,7 +1,7 @@
 """Control of a torpedo: the propeller controls the speed, the stern planes control pitch and so the depth, and the rudder controls the heading. It
 follows a line by steering at a point ahead on it.
 
-Compiled code. In all functions `e` is the ESTIMATE of a vehicle, `m` its MEMORY, `o` its ORDERS, `c` its CRAFT, and `now` is from `modes.known`.
+Compiled code. In all functions `e` is the ESTIMATE of a vehicle, `m` its MEMORY, `o` its ORDERS, `c` its SPEC, and `now` is from `modes.known`.
 """
 
 from __future__ import annotations

@@ -119,7 +119,7 @@ def estimate(
 def _piloting(world: World, vehicle: str) -> Piloting:
     part = world.parts.get(f"{vehicle}/autopilot")
     if not isinstance(part, Piloting):
-        there = [each.pilot.craft.path.split("/")[0] for each in world.parts.values() if isinstance(each, Piloting)]
+        there = [each.pilot.spec.path.split("/")[0] for each in world.parts.values() if isinstance(each, Piloting)]
         raise BadChange(f'"{vehicle}" has no built-in autopilot{suggestion(vehicle, there, "; there are: ")}')
     return part
 
@@ -154,7 +154,7 @@ class _Estimation:
         self._seat: Seat = part.pilot.seat
         orders = part.pilot.orders
         orders.armed = orders.waits = False
-        self._inputs = set(self._pilot.craft.hearing.ports)
+        self._inputs = set(self._pilot.spec.hearing.ports)
         self._state, self._pose, self._velocity = (
             f"{vehicle}/autopilot/state",
             f"{vehicle}/truth/pose",

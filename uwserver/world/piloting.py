@@ -8,9 +8,9 @@ from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 from uwserver.autopilot.bank import Bank, Seat
-from uwserver.autopilot.craft import Held
 from uwserver.autopilot.pilot import Autopilot
 from uwserver.autopilot.state import Remembered
+from uwserver.autopilot.vehicle_spec import Held
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.ports import Sample
 from uwserver.world import banks
@@ -30,12 +30,12 @@ class Piloting(Part):
 
     def __init__(self, pilot: Autopilot) -> None:
         self.pilot = pilot
-        self.hears = pilot.craft.hearing.in_words
+        self.hears = pilot.spec.hearing.in_words
 
     @property
     def path(self) -> str:
         """``<vehicle>/autopilot``."""
-        return self.pilot.craft.path
+        return self.pilot.spec.path
 
     def hear(self, sample: Sample, t_ns: int) -> None:
         """Take a sample into the estimate."""
@@ -92,10 +92,10 @@ class Pilots(Stateless):
         if pilots == list(self._pilots.values()) and streams == self._streams:
             return
         self._streams = streams
-        self._divisors = tuple({pilot.craft.divisor for pilot in pilots})
-        self.ports = tuple([port for pilot in pilots for port in pilot.craft.hearing.ports if port in streams])
+        self._divisors = tuple({pilot.spec.divisor for pilot in pilots})
+        self.ports = tuple([port for pilot in pilots for port in pilot.spec.hearing.ports if port in streams])
         self._pilots = dict(enumerate(pilots))
-        self._switches = [_Switch(slot, pilot.seat) for pilot in pilots for slot in pilot.craft.held]
+        self._switches = [_Switch(slot, pilot.seat) for pilot in pilots for slot in pilot.spec.held]
         self._active = []
         if pilots and self._bank is None:
             banks.load("autopilots")

@@ -19,7 +19,7 @@ from uwserver.autopilot.allocation import (
     wrench_allocation,
 )
 from uwserver.autopilot.fins import SLOW_MPS, FinEffect, Shaft, allocate_fins, fin_allocation, shaft_speed, shaft_thrust
-from uwserver.autopilot.rows import CRAFT
+from uwserver.autopilot.rows import SPEC
 
 LINEAR = ((-1.0, -20.0), (0.0, 0.0), (1.0, 20.0))
 """20 N at full command, either way."""
@@ -193,9 +193,9 @@ def test_a_shaft_stands_still_without_demand_and_has_a_limit():
 
 def angles(allocation, tau, speed):
     """Fins' angles and shafts' speeds, and the wrench made."""
-    craft = np.zeros(1, CRAFT)[0]
-    craft["shaft"] = astuple(SHAFT)
-    made = allocate_fins(craft, allocation.devices, tuple(map(float, tau)), speed)
+    spec = np.zeros(1, SPEC)[0]
+    spec["shaft"] = astuple(SHAFT)
+    made = allocate_fins(spec, allocation.devices, tuple(map(float, tau)), speed)
     return allocation.devices["force"].tolist(), made
 
 

@@ -91,7 +91,7 @@ def test_one_that_went_changes_and_hears_for_itself_alone():
     gone, other = pilot_of(world, "auv"), pilot_of(world, "rov")
     world.dismiss("auv")
     assert gone.seat.k == other.seat.k == 0
-    kept, row = other.seat.read(), np.zeros(32 + len(gone.craft.names))
+    kept, row = other.seat.read(), np.zeros(32 + len(gone.spec.names))
     gone.seat.tell(world.t_ns, row)
     assert row[1] == pytest.approx(gone.estimate.p[0])
     gone.hold()
@@ -105,7 +105,7 @@ def test_each_place_in_a_bank_is_found_after_others_came_and_went():
     """Devices, curves, sensors and beacons lie one after the other, of vehicles with different numbers of them."""
     seats = {name: pilot_of(world_of(name), name).seat for name in STARTS}
     bank, own = Bank(), {name: seat.read() for name, seat in seats.items()}
-    ports = [port for seat in seats.values() for port in seat.craft.hearing.ports]
+    ports = [port for seat in seats.values() for port in seat.spec.hearing.ports]
     streams = {port: 2 * k for k, port in enumerate(ports)}
     for names in (("rov", "auv"), ("big", "rov", "pro"), ("pro",), (), tuple(STARTS)):
         bank.gather([seats[name] for name in names], streams, 2 * len(streams))
@@ -113,7 +113,7 @@ def test_each_place_in_a_bank_is_found_after_others_came_and_went():
         rows = bank._kept
         for name in names:
             seat = seats[name]
-            c, allocation, hearing = seat.row["c"], seat.craft.allocation, seat.craft.hearing
+            c, allocation, hearing = seat.row["c"], seat.spec.allocation, seat.spec.hearing
             mine = rows["devices"][c["device_first"] : c["device_first"] + c["device_count"]]
             assert (mine["row"] == allocation.devices["row"]).all()
             if len(allocation.curves):

@@ -9,12 +9,12 @@ import pytest
 
 from uwserver.autopilot.allocation import wrench_allocation
 from uwserver.autopilot.bank import Bank, Seat
-from uwserver.autopilot.craft import Craft, Dynamics
 from uwserver.autopilot.estimator import STUBBORN, place_at
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.modes import known
 from uwserver.autopilot.sources import Hearing, Source, Surroundings
 from uwserver.autopilot.state import NEVER
+from uwserver.autopilot.vehicle_spec import Dynamics, VehicleSpec
 from uwserver.environment.geodesy import latitude_longitude
 from uwserver.frames import conjugate, multiply, quat_from_rpy, rotate, rpy_from_quat
 from uwserver.physics.bodies import Hydrodynamics
@@ -71,7 +71,7 @@ def seat(place=None, **sources):
     hearing = Hearing({f"rov/{name}": source for name, source in sources.items()}, place or Surroundings())
     dynamics, allocation = Dynamics(ONES, ONES, ONES, ONES), wrench_allocation(ONES)
     return Seat(
-        Craft(
+        VehicleSpec(
             path="rov/autopilot", hearing=hearing, allocation=allocation, dynamics=dynamics, held=(), shares=(), names=("x",) * 6, blocked=(),
             gains=GAINS, divisor=1, dt=1.0 / RATE,
         )
@@ -329,7 +329,7 @@ def told_of(*samples):
 def test_each_sample_goes_to_who_hears_it_and_an_invalid_one_tells_nothing():
     """Two vehicles in one bank; streams 3 and 1 are their depths, 0 is nobody's."""
     first, second = seat(depth=source("pressure")), seat(Surroundings(start=(0.0, 0.0, 4.0)), depth=source("pressure"))
-    second.craft.hearing.ports = ("other/depth",)
+    second.spec.hearing.ports = ("other/depth",)
     bank = Bank()
     bank.gather([first, second], {"rov/depth": 3, "other/depth": 1}, 4)
     assert second.estimate.p == (0.0, 0.0, 4.0)

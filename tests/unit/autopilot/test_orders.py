@@ -68,7 +68,7 @@ def test_another_actuator_on_the_same_thruster_is_held_too():
     assert world.actuators["v/bow"].refusal == HELD
     world.step(240)
     # Commanded once, as part of the vector.
-    assert len(world.parts["v/autopilot"].pilot.craft.held) == 1
+    assert len(world.parts["v/autopilot"].pilot.spec.held) == 1
 
 
 def test_a_deactivated_actuator_stays_off(fly):
@@ -558,7 +558,7 @@ def test_every_shipped_vehicle_takes_an_autopilot(fly, model):
 
 def test_steps_follow_the_physics_rate(fly):
     f = fly("bluerov2", bottom=None)
-    assert f.world.parts["v/autopilot"].pilot.craft.dt == pytest.approx(1 / 60)
+    assert f.world.parts["v/autopilot"].pilot.spec.dt == pytest.approx(1 / 60)
     assert f.world.ports["v/autopilot/state"].rate_hz == 10.0
 
 

@@ -36,7 +36,7 @@ def test_outputs_of_fins_and_shaft_and_of_thrust_in_newtons(fly):
     f.call("arm")
     f.send("test", outputs=[1.0, 0, 0, 0, 0, -0.5])
     f.run(0.1)
-    strongest = f.world.parts["v/autopilot"].pilot.craft.allocation.devices["high"][0]
+    strongest = f.world.parts["v/autopilot"].pilot.spec.allocation.devices["high"][0]
     assert f.world.hydro.thrusters["command"] == pytest.approx([strongest, 0, 0, 0, 0, -0.5 * strongest])
 
 

@@ -16,7 +16,6 @@ from msgspec import UnsetType, structs
 from uwserver.actuators import Devices
 from uwserver.autopilot.allocation import Allocation, Thrust, thruster_allocation, wrench_allocation
 from uwserver.autopilot.config import AutopilotConfig
-from uwserver.autopilot.craft import Craft, Dynamics, Held
 from uwserver.autopilot.fins import FinEffect, Shaft, fin_allocation
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.pilot import Autopilot
@@ -25,6 +24,7 @@ from uwserver.autopilot.services import services
 from uwserver.autopilot.sources import Hearing, Source, Surroundings, wanted
 from uwserver.autopilot.state import Six
 from uwserver.autopilot.status import StateSensor
+from uwserver.autopilot.vehicle_spec import Dynamics, Held, VehicleSpec
 from uwserver.frames import Vec3
 from uwserver.modifiers import WhiteNoise
 from uwserver.physics.dynamics.params import BodyParams, ThrusterParams, shape_rows
@@ -89,7 +89,7 @@ def build_autopilot(
     holding = _HeldActuators()
     allocation, dynamics = _controls(file, params, actuators, holding)
     allocation.devices["row"], allocation.devices["full"] = holding.rows, holding.full
-    craft = Craft(
+    spec = VehicleSpec(
         path=path,
         hearing=Hearing(_sources(world, file, name, mounts, ports), _surroundings(world, file, config)),
         allocation=allocation,
@@ -107,7 +107,7 @@ def build_autopilot(
         on_leak=config.on_leak,
         on_low_battery=config.on_low_battery,
     )
-    pilot = Autopilot(craft, lambda: (world.tick, world.t_ns), lambda text: world.say("autopilot", text), world.answers)
+    pilot = Autopilot(spec, lambda: (world.tick, world.t_ns), lambda text: world.say("autopilot", text), world.answers)
     slots = dict(_set_point_slots(world, path, pilot, config))
     pilot.set_points = {name: slot for name, slot in slots.items() if name != "pilot"}
     pilot.begin()

@@ -53,7 +53,7 @@ class Dynamics:
 
 
 @dataclass(frozen=True)
-class Craft:
+class VehicleSpec:
     """What the autopilot knows of its vehicle.
 
     Attributes:
@@ -111,7 +111,7 @@ class Craft:
         return self.is_torpedo or 2 in self.allocation.axes
 
     def fill(self, row: Any) -> None:
-        """Write it into a CRAFT."""
+        """Write it into a SPEC."""
         messages, place, dynamics = self.hearing.messages, self.hearing.place, self.dynamics
         row["divisor"], row["dt"], row["up"], row["means"] = self.divisor, self.dt, self.up, self.allocation.means
         row["axes"][list(self.allocation.axes)] = 1
