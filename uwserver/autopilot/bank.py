@@ -12,7 +12,7 @@ from msgspec import structs
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.mission import Item
 from uwserver.autopilot.records import Beside, Live, record
-from uwserver.autopilot.rows import DEVICE, FORMS, PILOT, REMEMBERED, SOURCE
+from uwserver.autopilot.rows import DEVICE, FORMS, PILOT, REMEMBERED, SENSOR
 from uwserver.autopilot.state import Estimate, Memory, Orders, Remembered
 from uwserver.autopilot.vehicle_spec import VehicleSpec
 from uwserver.physics.kernel import layout
@@ -27,10 +27,10 @@ class Seat:
         spec: its vehicle.
         estimate, memory, orders: its records, which read and write the row.
         row, devices: a PILOT, and a DEVICE for each of its devices.
-        k, source: number of its row in the bank, and of the first SOURCE of its sensors.
+        k, first_sensor: number of its row in the bank, and of the first SENSOR of its sensors.
     """
 
-    source: int
+    first_sensor: int
 
     def __init__(self, spec: VehicleSpec) -> None:
         self.spec = spec
@@ -136,8 +136,8 @@ class Seat:
 
     def hear(self, port: str, values: Sequence[Any], t_ns: int, now_ns: int) -> None:
         """Correct the estimate by a valid sample of one of its ports."""
-        place, numbers = self.spec.hearing.numbers(port, values)
-        self.bank.entries.hear_one(self.bank.table, self.source + place, numbers, t_ns, now_ns)
+        place, numbers = self.spec.inputs.numbers(port, values)
+        self.bank.entries.hear_one(self.bank.table, self.first_sensor + place, numbers, t_ns, now_ns)
 
     def tell(self, t_ns: int, row: FloatArray) -> int:
         """Write the reading of its port `state` into a row of numbers. Returns the number of its texts (`flight.tell`)."""
@@ -182,30 +182,30 @@ class Bank:
             count: of these numbers.
         """
         gone, self.seats = self.seats, tuple(seats)
-        hearings = [seat.spec.hearing for seat in self.seats]
+        all_inputs = [seat.spec.inputs for seat in self.seats]
         allocations = [seat.spec.allocation for seat in self.seats]
         pilots: Any = np.zeros(len(self.seats), PILOT)
         devices = _records(DEVICE, [seat.devices for seat in self.seats])
-        sources = _records(SOURCE, [each.rows for each in hearings])
+        sensors = _records(SENSOR, [each.rows for each in all_inputs])
         curves = np.concatenate([np.zeros((0, 2)), *[each.curves for each in allocations]])
-        beacons = np.concatenate([np.zeros((0, 3)), *[each.beacons for each in hearings]])
+        beacons = np.concatenate([np.zeros((0, 3)), *[each.beacons for each in all_inputs]])
         ears = np.full(count, -1, np.int64)
-        device = curve = source = beacon = 0
-        for k, (seat, hearing, allocation) in enumerate(zip(self.seats, hearings, allocations, strict=True)):
-            rows, heard = devices[device : device + len(seat.devices)], sources[source : source + len(hearing.rows)]
+        device = curve = sensor = beacon = 0
+        for k, (seat, inputs, allocation) in enumerate(zip(self.seats, all_inputs, allocations, strict=True)):
+            own_devices, own_sensors = devices[device : device + len(seat.devices)], sensors[sensor : sensor + len(inputs.rows)]
             pilots[k] = seat.row
-            rows["curve_first"] = allocation.devices["curve_first"] + curve
-            heard["pilot"], heard["beacon_first"], heard["next"] = k, beacon, -1
-            for n, port in enumerate(hearing.ports):
-                if port in streams and port not in hearing.in_words:
-                    heard["next"][n], ears[streams[port]] = ears[streams[port]], source + n
-            pilots["c"]["device_first"][k], pilots["c"]["device_count"][k] = device, len(rows)
-            seat.lie(self, k, pilots, rows)
-            seat.source = source
-            device, curve = device + len(rows), curve + len(allocation.curves)
-            source, beacon = source + len(heard), beacon + len(hearing.beacons)
+            own_devices["curve_first"] = allocation.devices["curve_first"] + curve
+            own_sensors["pilot"], own_sensors["beacon_first"], own_sensors["next"] = k, beacon, -1
+            for n, port in enumerate(inputs.ports):
+                if port in streams and port not in inputs.text_ports:
+                    own_sensors["next"][n], ears[streams[port]] = ears[streams[port]], sensor + n
+            pilots["c"]["device_first"][k], pilots["c"]["device_count"][k] = device, len(own_devices)
+            seat.lie(self, k, pilots, own_devices)
+            seat.first_sensor = sensor
+            device, curve = device + len(own_devices), curve + len(allocation.curves)
+            sensor, beacon = sensor + len(own_sensors), beacon + len(inputs.beacons)
         self._kept: Mapping[str, Any] = {
-            "pilots": pilots, "devices": devices, "curves": curves, "sources": sources, "beacons": beacons, "ears": ears,
+            "pilots": pilots, "devices": devices, "curves": curves, "sensors": sensors, "beacons": beacons, "ears": ears,
         }  # fmt: skip
         self.table: IntArray = layout.addresses(FORMS, self._kept)
         for seat in set(gone).difference(self.seats):

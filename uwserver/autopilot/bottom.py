@@ -21,20 +21,20 @@ LEAP_M, LEAP, FEW = 0.5, 0.1, 3
 
 
 @compiled
-def correct_bottom(e: Any, source: Any, reach: float, t_ns: int, late: float) -> None:
+def correct_bottom(e: Any, sensor: Any, reach: float, t_ns: int, late: float) -> None:
     """Correct the depth and the slope of the bottom by the echo of a beam.
 
     Args:
         e: ESTIMATE of the vehicle.
-        source: SOURCE of the sensor, whose z axis points along the beam.
+        sensor: its SENSOR. The z axis of the sensor points along the beam.
         reach: range along the beam, m; nan without an echo.
         t_ns: time of the echo.
         late: age of the echo, s.
     """
     if not 0.0 <= reach < 1e9:
         return
-    x, y, z = rotate(four(source.q), (0.0, 0.0, reach))
-    ahead, aside, below = rotate(four(e.q), (x + source.p[0], y + source.p[1], z + source.p[2]))
+    x, y, z = rotate(four(sensor.q), (0.0, 0.0, reach))
+    ahead, aside, below = rotate(four(e.q), (x + sensor.p[0], y + sensor.p[1], z + sensor.p[2]))
     bottom = e.p[2] - e.v[2] * late + below
     dt = (t_ns - e.altitude_ns) / NANOSECONDS
     # The echo does not come from under the vehicle: the beam may be tilted, and the vehicle has moved since.

@@ -16,7 +16,7 @@ from uwserver.physics.kernel.handles import array_at
 from uwserver.physics.kernel.sharing import share
 
 _pilots, _devices, _curves = array_at(FORMS, "pilots"), array_at(FORMS, "devices"), array_at(FORMS, "curves")
-_sources, _beacons, _ears = array_at(FORMS, "sources"), array_at(FORMS, "beacons"), array_at(FORMS, "ears")
+_sensors, _beacons, _ears = array_at(FORMS, "sensors"), array_at(FORMS, "beacons"), array_at(FORMS, "ears")
 _thrusters, _servos = array_at(layout.WORLD, "thrusters"), array_at(layout.WORLD, "servos")
 _wrenches, _team = array_at(layout.WORLD, "wrenches"), array_at(layout.WORLD, "team")
 _LEAST = 6
@@ -90,21 +90,21 @@ def hear_all(table: Array, told: Array, values: Array, count: int, now_ns: int) 
         count: number of samples.
         now_ns: simulation time.
     """
-    pilots, sources, beacons, ears = _pilots(table), _sources(table), _beacons(table), _ears(table)
+    pilots, sensors, beacons, ears = _pilots(table), _sensors(table), _beacons(table), _ears(table)
     for i in range(count):
         sample = told[i]
         ear = ears[sample.stream] if sample.valid != 0 else -1
         while ear >= 0:
-            source = sources[ear]
-            _update(pilots[source.pilot], source, beacons, values[i], sample.t_ns, now_ns)
-            ear = source.next
+            sensor = sensors[ear]
+            _update(pilots[sensor.pilot], sensor, beacons, values[i], sample.t_ns, now_ns)
+            ear = sensor.next
 
 
 @entry
 def hear_one(table: Array, ear: int, values: Array, t_ns: int, now_ns: int) -> None:
-    """Correct the estimate by one sample of the SOURCE `ear`."""
-    source = _sources(table)[ear]
-    _update(_pilots(table)[source.pilot], source, _beacons(table), values, t_ns, now_ns)
+    """Correct the estimate by one sample of the SENSOR `ear`."""
+    sensor = _sensors(table)[ear]
+    _update(_pilots(table)[sensor.pilot], sensor, _beacons(table), values, t_ns, now_ns)
 
 
 @entry

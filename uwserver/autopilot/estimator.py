@@ -1,6 +1,6 @@
 """The estimator: attitude, depth, velocity, position and altitude of a vehicle, from delivered samples of its own sensors.
 
-Compiled code. In all functions `e` is the ESTIMATE of a vehicle, `c` its SPEC, `source` the SOURCE of a stream, `v` a sample of it as numbers,
+Compiled code. In all functions `e` is the ESTIMATE of a vehicle, `c` its SPEC, `sensor` the SENSOR of a stream, `v` a sample of it as numbers,
 `t_ns` the time of the measurement, and `late` its age, s.
 """
 
@@ -23,7 +23,7 @@ from uwserver.autopilot.rows import (
     six,
     three,
 )
-from uwserver.autopilot.sources import (
+from uwserver.autopilot.sensor_inputs import (
     ALTIMETER,
     ATTITUDE,
     BATTERY,
@@ -69,44 +69,44 @@ _north_east = compiled(geodesy.north_east)
 
 
 @separate
-def update(p: Any, source: Any, beacons: Array, v: Array, t_ns: int, now_ns: int) -> None:
+def update(p: Any, sensor: Any, beacons: Array, v: Array, t_ns: int, now_ns: int) -> None:
     """Correct the estimate of a PILOT by a valid sample. Impossible values, which may come from a saved state, are ignored."""
     e = p.e
     deep, headed, placed = e.depth_ns == NEVER, e.heading_ns == NEVER, e.fix_ns == NEVER
-    _take(p, source, beacons, v, t_ns, now_ns)
+    _take(p, sensor, beacons, v, t_ns, now_ns)
     deep, headed, placed = deep and e.depth_ns != NEVER, headed and e.heading_ns != NEVER, placed and e.fix_ns != NEVER
     if deep or headed or placed:
         settle(p.o, e, deep, headed, placed)
 
 
 @compiled
-def _take(p: Any, source: Any, beacons: Array, v: Array, t_ns: int, now_ns: int) -> None:
+def _take(p: Any, sensor: Any, beacons: Array, v: Array, t_ns: int, now_ns: int) -> None:
     """Correct the estimate, by the kind of the sensor."""
     e, c = p.e, p.c
     late = (now_ns - t_ns) / NANOSECONDS
-    kind = source.kind
+    kind = sensor.kind
     if kind == IMU:
-        _imu(e, c, source, v, t_ns)
+        _imu(e, c, sensor, v, t_ns)
     elif kind == ATTITUDE:
-        _attitude(e, c, source, v, t_ns, late)
+        _attitude(e, c, sensor, v, t_ns, late)
     elif kind == PRESSURE:
-        _pressure(e, source, v, t_ns, late)
+        _pressure(e, sensor, v, t_ns, late)
     elif kind == DVL:
-        _dvl(e, source, v, t_ns, late)
+        _dvl(e, sensor, v, t_ns, late)
     elif kind == ALTIMETER:
-        correct_bottom(e, source, v[source.place[0]], t_ns, late)
+        correct_bottom(e, sensor, v[sensor.place[0]], t_ns, late)
     elif kind == GPS:
-        _gps(e, c, source, v, t_ns, late)
+        _gps(e, c, sensor, v, t_ns, late)
     elif kind == MOTION_CAPTURE:
-        _motion_capture(e, c, source, v, t_ns, late)
+        _motion_capture(e, c, sensor, v, t_ns, late)
     elif kind == USBL:
-        _usbl(e, source, beacons, v, t_ns, late)
+        _usbl(e, sensor, beacons, v, t_ns, late)
     elif kind == LBL:
-        _lbl(e, source, beacons, v, t_ns, late)
+        _lbl(e, sensor, beacons, v, t_ns, late)
     elif kind == LEAK:
-        e.leak = 1 if v[source.place[0]] == 1.0 else 0
+        e.leak = 1 if v[sensor.place[0]] == 1.0 else 0
     elif kind == BATTERY:
-        charge = v[source.place[0]]
+        charge = v[sensor.place[0]]
         if charge == charge:
             e.charge = charge
 
@@ -130,11 +130,11 @@ def _turned(q: Quat, w: Vec3, dt: float) -> Quat:
 
 
 @compiled
-def _imu(e: Any, c: Any, source: Any, v: Array, t_ns: int) -> None:
-    f_S, w_S = three(v[source.place[0] :]), three(v[source.place[1] :])
+def _imu(e: Any, c: Any, sensor: Any, v: Array, t_ns: int) -> None:
+    f_S, w_S = three(v[sensor.place[0] :]), three(v[sensor.place[1] :])
     if not (_is_vector(f_S) and _is_vector(w_S)):
         return
-    f, (wx, wy, wz) = rotate(four(source.q), f_S), rotate(four(source.q), w_S)
+    f, (wx, wy, wz) = rotate(four(sensor.q), f_S), rotate(four(sensor.q), w_S)
     w = (wx - e.drift[0], wy - e.drift[1], wz - e.drift[2])
     dt = (t_ns - e.imu_ns) / NANOSECONDS if e.imu_ns != NEVER else 0.0
     e.imu_ns = t_ns
@@ -170,13 +170,13 @@ def _imu(e: Any, c: Any, source: Any, v: Array, t_ns: int) -> None:
 
 
 @compiled
-def _attitude(e: Any, c: Any, source: Any, v: Array, t_ns: int, late: float) -> None:
-    q_NS = four(v[source.place[0] :])
+def _attitude(e: Any, c: Any, sensor: Any, v: Array, t_ns: int, late: float) -> None:
+    q_NS = four(v[sensor.place[0] :])
     if not _is_rotation(q_NS):
         return
-    q = multiply(q_NS, conjugate(four(source.q)))
-    if source.north != 0.0:
-        q = multiply(quat_from_rpy(0.0, 0.0, source.north), q)
+    q = multiply(q_NS, conjugate(four(sensor.q)))
+    if sensor.north != 0.0:
+        q = multiply(quat_from_rpy(0.0, 0.0, sensor.north), q)
     _correct_attitude(e, c, q, t_ns, late)
 
 
@@ -201,12 +201,12 @@ def _correct_attitude(e: Any, c: Any, q: Quat, t_ns: int, late: float) -> None:
 
 
 @compiled
-def _pressure(e: Any, source: Any, v: Array, t_ns: int, late: float) -> None:
-    reading = v[source.place[0]]
+def _pressure(e: Any, sensor: Any, v: Array, t_ns: int, late: float) -> None:
+    reading = v[sensor.place[0]]
     if not abs(reading) < 1e9:
         return
-    depth = (reading - source.atmosphere) / source.density if source.density != 0.0 else reading
-    _correct_depth(e, depth - rotate(four(e.q), three(source.p))[2], late, DEPTH_VARIANCE)
+    depth = (reading - sensor.atmosphere) / sensor.density if sensor.density != 0.0 else reading
+    _correct_depth(e, depth - rotate(four(e.q), three(sensor.p))[2], late, DEPTH_VARIANCE)
     e.depth_ns = t_ns
 
 
@@ -217,11 +217,11 @@ def _correct_depth(e: Any, z: float, late: float, variance: float) -> None:
 
 
 @compiled
-def _dvl(e: Any, source: Any, v: Array, t_ns: int, late: float) -> None:
-    v_S, merit = three(v[source.place[0] :]), v[source.place[2]]
+def _dvl(e: Any, sensor: Any, v: Array, t_ns: int, late: float) -> None:
+    v_S, merit = three(v[sensor.place[0] :]), v[sensor.place[2]]
     if not _is_vector(v_S):
         return
-    (x, y, z), (wx, wy, wz), (rx, ry, rz) = rotate(four(source.q), v_S), three(e.w), three(source.p)
+    (x, y, z), (wx, wy, wz), (rx, ry, rz) = rotate(four(sensor.q), v_S), three(e.w), three(sensor.p)
     v_N = rotate(four(e.q), (x - wy * rz + wz * ry, y - wz * rx + wx * rz, z - wx * ry + wy * rx))
     dx, dy, dz = v_N[0] - e.v[0], v_N[1] - e.v[1], v_N[2] - e.v[2]
     if e.velocity_ns != NEVER and math.sqrt(dx * dx + dy * dy + dz * dz) > JUMP_MPS and e.doubted < FEW:
@@ -232,47 +232,47 @@ def _dvl(e: Any, source: Any, v: Array, t_ns: int, late: float) -> None:
     _correct_level(e, measure_velocity(six(e.flat), variance), dx, dy)
     _correct_down(e, measure_velocity(six(e.steep), variance), dz)
     e.velocity_ns = t_ns
-    correct_bottom(e, source, v[source.place[1]], t_ns, late)
+    correct_bottom(e, sensor, v[sensor.place[1]], t_ns, late)
 
 
 @compiled
-def _gps(e: Any, c: Any, source: Any, v: Array, t_ns: int, late: float) -> None:
-    latitude, longitude, accuracy = v[source.place[0]], v[source.place[1]], v[source.place[2]]
+def _gps(e: Any, c: Any, sensor: Any, v: Array, t_ns: int, late: float) -> None:
+    latitude, longitude, accuracy = v[sensor.place[0]], v[sensor.place[1]], v[sensor.place[2]]
     if not (abs(latitude) < 1e9 and abs(longitude) < 1e9):
         return
     north, east = _north_east(latitude, longitude, c.latitude, c.longitude)
-    _correct_place(e, north, east, three(source.p), accuracy if accuracy > 0.0 else source.sigma, t_ns, late)
+    _correct_place(e, north, east, three(sensor.p), accuracy if accuracy > 0.0 else sensor.sigma, t_ns, late)
 
 
 @compiled
-def _motion_capture(e: Any, c: Any, source: Any, v: Array, t_ns: int, late: float) -> None:
-    p_NS, q_NS = three(v[source.place[0] :]), four(v[source.place[1] :])
+def _motion_capture(e: Any, c: Any, sensor: Any, v: Array, t_ns: int, late: float) -> None:
+    p_NS, q_NS = three(v[sensor.place[0] :]), four(v[sensor.place[1] :])
     if not (_is_vector(p_NS) and _is_rotation(q_NS)):
         return
     if c.has_attitude == 0:
-        _correct_attitude(e, c, multiply(q_NS, conjugate(four(source.q))), t_ns, late)
-    _correct_place(e, p_NS[0], p_NS[1], three(source.p), source.sigma, t_ns, late)
-    _correct_depth(e, p_NS[2] - rotate(four(e.q), three(source.p))[2], late, source.sigma**2)
+        _correct_attitude(e, c, multiply(q_NS, conjugate(four(sensor.q))), t_ns, late)
+    _correct_place(e, p_NS[0], p_NS[1], three(sensor.p), sensor.sigma, t_ns, late)
+    _correct_depth(e, p_NS[2] - rotate(four(e.q), three(sensor.p))[2], late, sensor.sigma**2)
     e.depth_ns = t_ns
 
 
 @compiled
-def _usbl(e: Any, source: Any, beacons: Array, v: Array, t_ns: int, late: float) -> None:
-    number, reach, p_beacon_S = int(v[source.place[0]]), v[source.place[1]], three(v[source.place[2] :])
+def _usbl(e: Any, sensor: Any, beacons: Array, v: Array, t_ns: int, late: float) -> None:
+    number, reach, p_beacon_S = int(v[sensor.place[0]]), v[sensor.place[1]], three(v[sensor.place[2] :])
     if number < 0 or reach != reach or not _is_vector(p_beacon_S):
         return
-    beacon = beacons[source.beacon_first + number]
-    towards = rotate(four(e.q), rotate(four(source.q), p_beacon_S))
-    sigma = math.hypot(source.sigma, 0.02 * reach)
-    _correct_place(e, beacon[0] - towards[0], beacon[1] - towards[1], three(source.p), sigma, t_ns, late)
+    beacon = beacons[sensor.beacon_first + number]
+    towards = rotate(four(e.q), rotate(four(sensor.q), p_beacon_S))
+    sigma = math.hypot(sensor.sigma, 0.02 * reach)
+    _correct_place(e, beacon[0] - towards[0], beacon[1] - towards[1], three(sensor.p), sigma, t_ns, late)
 
 
 @compiled
-def _lbl(e: Any, source: Any, beacons: Array, v: Array, t_ns: int, late: float) -> None:
-    number, reach = int(v[source.place[0]]), v[source.place[1]]
+def _lbl(e: Any, sensor: Any, beacons: Array, v: Array, t_ns: int, late: float) -> None:
+    number, reach = int(v[sensor.place[0]]), v[sensor.place[1]]
     if number < 0 or reach != reach:
         return
-    arm, beacon = rotate(four(e.q), three(source.p)), beacons[source.beacon_first + number]
+    arm, beacon = rotate(four(e.q), three(sensor.p)), beacons[sensor.beacon_first + number]
     x = e.p[0] - e.v[0] * late + arm[0] - beacon[0]
     y = e.p[1] - e.v[1] * late + arm[1] - beacon[1]
     z = e.p[2] - e.v[2] * late + arm[2] - beacon[2]
@@ -280,7 +280,7 @@ def _lbl(e: Any, source: Any, beacons: Array, v: Array, t_ns: int, late: float) 
     level = math.sqrt(max(reach * reach - z * z, 0.0))
     if flat < 1.0 or level < 1.0:
         return  # straight above the beacon its range does not depend on the place
-    variance = (source.sigma * reach / level) ** 2
+    variance = (sensor.sigma * reach / level) ** 2
     d = level - flat
     if not is_likely(d, six(e.flat), variance) and e.refused < STUBBORN:
         e.refused += 1

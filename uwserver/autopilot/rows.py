@@ -172,11 +172,11 @@ DEVICE = np.dtype(
 
 THRUSTER, FIN, SHAFT_SPEED, WRENCH = range(4)
 
-SOURCE = np.dtype(
+SENSOR = np.dtype(
     [
         ("pilot", "i8"),  # row
-        ("next", "i8"),  # row of another SOURCE that reads the same stream, or -1
-        ("kind", "i8"),  # index in `sources.MESSAGES`
+        ("next", "i8"),  # row of another SENSOR that reads the same stream, or -1
+        ("kind", "i8"),  # index in `sensor_inputs.MESSAGES`
         ("place", "i8", (3,)),  # places of its fields in a row of the stream
         ("p", "f8", (3,)),
         ("q", "f8", (4,)),
@@ -187,17 +187,17 @@ SOURCE = np.dtype(
         ("beacon_first", "i8"),
     ]
 )
-"""A stream that an autopilot reads: `sources.Source`."""
+"""A stream that an autopilot reads: `sensor_inputs.SensorInput`."""
 
 FORMS: Forms = {
     "pilots": PILOT,
     "devices": DEVICE,
     "curves": columns(np.float64, 2),
-    "sources": SOURCE,
+    "sensors": SENSOR,
     "beacons": columns(np.float64, 3),
     "ears": columns(np.int64),
 }
-"""The arrays in the table of a world's autopilots. `ears` has for each stream of a sensor the first SOURCE that reads it, or -1."""
+"""The arrays in the table of a world's autopilots. `ears` has for each stream of a sensor the first SENSOR that reads it, or -1."""
 
 rotate, multiply, conjugate, quat_from_rpy, rpy_from_quat = (
     compiled(frames.rotate), compiled(frames.multiply), compiled(frames.conjugate), compiled(frames.quat_from_rpy),

@@ -10,7 +10,7 @@ from uwserver.actuators.base import Actuator
 from uwserver.autopilot.allocation import Allocation
 from uwserver.autopilot.fins import Shaft
 from uwserver.autopilot.gains import Gains
-from uwserver.autopilot.sources import Hearing
+from uwserver.autopilot.sensor_inputs import SensorInputs
 from uwserver.autopilot.state import Estimate, Mode, Six
 from uwserver.autopilot.tracks import MEASURED, UNMEASURED
 from uwserver.ports import Items
@@ -58,7 +58,7 @@ class VehicleSpec:
 
     Attributes:
         path: ``<vehicle>/autopilot``.
-        hearing: its sensors.
+        inputs: its sensors.
         allocation: its actuators.
         dynamics: its dynamics.
         held: slots of the actuators, in the order of the devices of the allocation.
@@ -74,7 +74,7 @@ class VehicleSpec:
     """
 
     path: str
-    hearing: Hearing
+    inputs: SensorInputs
     allocation: Allocation
     dynamics: Dynamics
     held: Sequence[Held]
@@ -103,7 +103,7 @@ class VehicleSpec:
     @property
     def sees_bottom(self) -> bool:
         """Whether it has a sensor that can measure the altitude."""
-        return not self.hearing.messages.isdisjoint(("Dvl", "Range"))
+        return not self.inputs.messages.isdisjoint(("Dvl", "Range"))
 
     @property
     def dives(self) -> bool:
@@ -112,7 +112,7 @@ class VehicleSpec:
 
     def fill(self, row: Any) -> None:
         """Write it into a SPEC."""
-        messages, place, dynamics = self.hearing.messages, self.hearing.place, self.dynamics
+        messages, place, dynamics = self.inputs.messages, self.inputs.place, self.dynamics
         row["divisor"], row["dt"], row["up"], row["means"] = self.divisor, self.dt, self.up, self.allocation.means
         row["axes"][list(self.allocation.axes)] = 1
         row["has_imu"], row["has_attitude"] = "Imu" in messages, "Attitude" in messages
@@ -125,5 +125,5 @@ class VehicleSpec:
 
     def begin(self) -> Estimate:
         """Return the estimate before the first sample."""
-        start = self.hearing.place.start
+        start = self.inputs.place.start
         return Estimate() if start is None else Estimate(p=start, flat=(1.0, 0.0, 0.0, 1.0, 0.0, 0.01))

@@ -52,7 +52,7 @@ def measured_of(world: World, sensors: Collection[str] | None) -> tuple[str, ...
         sensors: the sensors that the caller wants; None for all except those that show the state of an autopilot, which is mostly text.
     """
     pilots = [part.pilot for part in world.parts.values() if isinstance(part, Piloting)]
-    heard = {port for pilot in pilots for port in (*pilot.spec.hearing.ports, *pilot.spec.hearing.in_words)}
+    heard = {port for pilot in pilots for port in (*pilot.spec.inputs.ports, *pilot.spec.inputs.text_ports)}
     found = {
         path
         for path, slot in world.sensors.items()

@@ -154,7 +154,7 @@ class _Estimation:
         self._seat: Seat = part.pilot.seat
         orders = part.pilot.orders
         orders.armed = orders.waits = False
-        self._inputs = set(self._pilot.spec.hearing.ports)
+        self._inputs = set(self._pilot.spec.inputs.ports)
         self._state, self._pose, self._velocity = (
             f"{vehicle}/autopilot/state",
             f"{vehicle}/truth/pose",

@@ -30,7 +30,7 @@ class Piloting(Part):
 
     def __init__(self, pilot: Autopilot) -> None:
         self.pilot = pilot
-        self.hears = pilot.spec.hearing.in_words
+        self.hears = pilot.spec.inputs.text_ports
 
     @property
     def path(self) -> str:
@@ -93,7 +93,7 @@ class Pilots(Stateless):
             return
         self._streams = streams
         self._divisors = tuple({pilot.spec.divisor for pilot in pilots})
-        self.ports = tuple([port for pilot in pilots for port in pilot.spec.hearing.ports if port in streams])
+        self.ports = tuple([port for pilot in pilots for port in pilot.spec.inputs.ports if port in streams])
         self._pilots = dict(enumerate(pilots))
         self._switches = [_Switch(slot, pilot.seat) for pilot in pilots for slot in pilot.spec.held]
         self._active = []

@@ -105,7 +105,7 @@ def test_each_place_in_a_bank_is_found_after_others_came_and_went():
     """Devices, curves, sensors and beacons lie one after the other, of vehicles with different numbers of them."""
     seats = {name: pilot_of(world_of(name), name).seat for name in STARTS}
     bank, own = Bank(), {name: seat.read() for name, seat in seats.items()}
-    ports = [port for seat in seats.values() for port in seat.spec.hearing.ports]
+    ports = [port for seat in seats.values() for port in seat.spec.inputs.ports]
     streams = {port: 2 * k for k, port in enumerate(ports)}
     for names in (("rov", "auv"), ("big", "rov", "pro"), ("pro",), (), tuple(STARTS)):
         bank.gather([seats[name] for name in names], streams, 2 * len(streams))
@@ -113,16 +113,16 @@ def test_each_place_in_a_bank_is_found_after_others_came_and_went():
         rows = bank._kept
         for name in names:
             seat = seats[name]
-            c, allocation, hearing = seat.row["c"], seat.spec.allocation, seat.spec.hearing
+            c, allocation, inputs = seat.row["c"], seat.spec.allocation, seat.spec.inputs
             mine = rows["devices"][c["device_first"] : c["device_first"] + c["device_count"]]
             assert (mine["row"] == allocation.devices["row"]).all()
             if len(allocation.curves):
                 assert (
                     rows["curves"][mine["curve_first"]] == allocation.curves[allocation.devices["curve_first"]]
                 ).all()
-            for n, port in enumerate(hearing.ports):
-                source = rows["sources"][rows["ears"][streams[port]]]
-                assert (source["pilot"], source["kind"], source["next"]) == (seat.k, hearing.rows["kind"][n], -1)
+            for n, port in enumerate(inputs.ports):
+                sensor = rows["sensors"][rows["ears"][streams[port]]]
+                assert (sensor["pilot"], sensor["kind"], sensor["next"]) == (seat.k, inputs.rows["kind"][n], -1)
     assert {seat.k for seat in seats.values()} == {0, 1, 2, 3}
 
 

@@ -12,7 +12,7 @@ from uwserver.autopilot.bank import Bank, Seat
 from uwserver.autopilot.estimator import STUBBORN, place_at
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.modes import known
-from uwserver.autopilot.sources import Hearing, Source, Surroundings
+from uwserver.autopilot.sensor_inputs import SensorInput, SensorInputs, Surroundings
 from uwserver.autopilot.state import NEVER
 from uwserver.autopilot.vehicle_spec import Dynamics, VehicleSpec
 from uwserver.environment.geodesy import latitude_longitude
@@ -54,10 +54,10 @@ FIELDS = {
 }  # fmt: skip
 
 
-def source(kind, **keys):
+def sensor(kind, **keys):
     """A sensor of the shipped kind; one of pressure tells depth, unless `density` says otherwise."""
     absolute = kind == "pressure" and "density" in keys
-    return Source(
+    return SensorInput(
         message_of({"kind": kind}), PressureConfig(rate_hz=1).build(Pose()).fields if absolute else FIELDS[kind], **keys
     )
 
@@ -66,13 +66,13 @@ ONES = (1.0,) * 6
 NO_BODIES = Hydrodynamics((), 1.0 / RATE)
 
 
-def seat(place=None, **sources):
+def seat(place=None, **sensors):
     """An autopilot alone, disarmed."""
-    hearing = Hearing({f"rov/{name}": source for name, source in sources.items()}, place or Surroundings())
+    inputs = SensorInputs({f"rov/{name}": sensor for name, sensor in sensors.items()}, place or Surroundings())
     dynamics, allocation = Dynamics(ONES, ONES, ONES, ONES), wrench_allocation(ONES)
     return Seat(
         VehicleSpec(
-            path="rov/autopilot", hearing=hearing, allocation=allocation, dynamics=dynamics, held=(), shares=(), names=("x",) * 6, blocked=(),
+            path="rov/autopilot", inputs=inputs, allocation=allocation, dynamics=dynamics, held=(), shares=(), names=("x",) * 6, blocked=(),
             gains=GAINS, divisor=1, dt=1.0 / RATE,
         )
     )  # fmt: skip
@@ -81,13 +81,13 @@ def seat(place=None, **sources):
 class Bench:
     """An estimator with a clock of its own."""
 
-    def __init__(self, place=None, **sources):
-        self.seat, self.sources = seat(place, **sources), sources
+    def __init__(self, place=None, **sensors):
+        self.seat, self.sensors = seat(place, **sensors), sensors
         self.e = self.seat.estimate
         self.t_ns = 0
 
     def hear(self, name, *value, late_s=0.0):
-        missing = (None,) * (len(self.sources[name].fields) - len(value))
+        missing = (None,) * (len(self.sensors[name].fields) - len(value))
         self.seat.hear(f"rov/{name}", value + missing, self.t_ns - round(late_s * 1e9), self.t_ns)
 
     def run(self, seconds, **every_step):
@@ -106,7 +106,7 @@ def test_attitude_takes_off_the_mount_and_the_declination():
     q_BS = quat_from_rpy(0.1, -0.2, 0.7)
     q_NB = quat_from_rpy(0.05, 0.1, 2.0)
     declination = 0.06
-    bench = Bench(ahrs=source("attitude", q=q_BS, north=declination))
+    bench = Bench(ahrs=sensor("attitude", q=q_BS, north=declination))
     magnetic = multiply(quat_from_rpy(0, 0, -declination), multiply(q_NB, q_BS))
     bench.hear("ahrs", magnetic, 0.0)
     assert rpy_from_quat(bench.e.q) == pytest.approx((0.05, 0.1, 2.0), abs=1e-9)
@@ -114,7 +114,7 @@ def test_attitude_takes_off_the_mount_and_the_declination():
 
 
 def test_the_gyroscope_carries_the_attitude_between_samples():
-    bench = Bench(ahrs=source("attitude"), imu=source("imu"))
+    bench = Bench(ahrs=sensor("attitude"), imu=sensor("imu"))
     bench.hear("ahrs", quat_from_rpy(0, 0, 0), 0.0)
     bench.run(0.5, imu=((0.0, 0.0, -G), (0.0, 0.0, 0.4), 10.0))
     # 24 intervals between 25 readings.
@@ -122,7 +122,7 @@ def test_the_gyroscope_carries_the_attitude_between_samples():
 
 
 def test_a_late_attitude_is_turned_on_to_now():
-    bench = Bench(ahrs=source("attitude"), imu=source("imu"))
+    bench = Bench(ahrs=sensor("attitude"), imu=sensor("imu"))
     bench.hear("imu", (0.0, 0.0, -G), (0.0, 0.0, 0.5), 10.0)
     bench.hear("ahrs", quat_from_rpy(0, 0, 1.0), 1.0, late_s=0.1)
     assert rpy_from_quat(bench.e.q)[2] == pytest.approx(1.05, abs=1e-4)
@@ -131,7 +131,7 @@ def test_a_late_attitude_is_turned_on_to_now():
 def test_without_attitude_sensor_the_specific_force_shows_the_vertical_but_not_north():
     q = quat_from_rpy(0.2, -0.3, 0.0)
     f = rotate(conjugate(q), (0.0, 0.0, -G))
-    bench = Bench(imu=source("imu"))
+    bench = Bench(imu=sensor("imu"))
     bench.hear("imu", f, (0.0, 0.0, 0.0), 10.0)
     assert rpy_from_quat(bench.e.q)[:2] == pytest.approx((0.2, -0.3), abs=1e-9)
     assert bench.known.attitude
@@ -143,7 +143,7 @@ def test_without_attitude_sensor_the_specific_force_shows_the_vertical_but_not_n
 
 
 def test_a_rate_comes_from_attitudes_where_there_is_no_gyroscope():
-    bench = Bench(ahrs=source("attitude"))
+    bench = Bench(ahrs=sensor("attitude"))
     for k in range(100):
         bench.hear("ahrs", quat_from_rpy(0, 0, 0.3 * k / RATE), 0.0)
         bench.run(1.0 / RATE)
@@ -151,7 +151,7 @@ def test_a_rate_comes_from_attitudes_where_there_is_no_gyroscope():
 
 
 def test_depth_is_that_of_the_origin():
-    bench = Bench(ahrs=source("attitude"), depth=source("pressure", p=(-0.5, 0.0, 0.0)))
+    bench = Bench(ahrs=sensor("attitude"), depth=sensor("pressure", p=(-0.5, 0.0, 0.0)))
     bench.hear("ahrs", quat_from_rpy(0, 0.3, 0), 0.0)
     bench.run(5.0, depth=(10.0, 8.0), ahrs=(quat_from_rpy(0, 0.3, 0), 0.0))
     # Nose up: the sensor in the stern is deeper.
@@ -159,7 +159,7 @@ def test_depth_is_that_of_the_origin():
 
 
 def test_depth_from_absolute_pressure():
-    bench = Bench(depth=source("pressure", density=1025.0 * G, atmosphere=101_325.0))
+    bench = Bench(depth=sensor("pressure", density=1025.0 * G, atmosphere=101_325.0))
     bench.run(5.0, depth=(101_325.0 + 1025.0 * G * 7.0, 8.0))
     assert bench.e.p[2] == pytest.approx(7.0, abs=0.01)
     assert bench.e.v[2] == pytest.approx(0.0, abs=0.01)
@@ -168,7 +168,7 @@ def test_depth_from_absolute_pressure():
 def test_a_dvl_counts_in_its_mount_s_frame_and_place():
     """It sits ahead of the origin, turned by 90 degrees; the vehicle turns and does not move."""
     q_BS = quat_from_rpy(0, 0, math.pi / 2)
-    bench = Bench(ahrs=source("attitude"), imu=source("imu"), dvl=source("dvl", p=(0.5, 0, 0), q=q_BS))
+    bench = Bench(ahrs=sensor("attitude"), imu=sensor("imu"), dvl=sensor("dvl", p=(0.5, 0, 0), q=q_BS))
     w = 0.2
     v_S = rotate(conjugate(q_BS), (0.0, w * 0.5, 0.0))
     for k in range(100):
@@ -181,7 +181,7 @@ def test_a_dvl_counts_in_its_mount_s_frame_and_place():
 
 
 def test_dead_reckoning_adds_up_and_set_position_corrects_it():
-    bench = Bench(ahrs=source("attitude"), dvl=source("dvl"))
+    bench = Bench(ahrs=sensor("attitude"), dvl=sensor("dvl"))
     still = (quat_from_rpy(0, 0, math.pi / 2), 0.0)
     bench.run(10.0, ahrs=still, dvl=((0.5, 0.0, 0.0), 8.0, 0.01))
     assert bench.e.p[0] == pytest.approx(0.0, abs=0.05)
@@ -193,12 +193,12 @@ def test_dead_reckoning_adds_up_and_set_position_corrects_it():
 
 
 def test_it_begins_where_the_operator_says():
-    bench = Bench(Surroundings(start=(3.0, 4.0, 5.0)), dvl=source("dvl"))
+    bench = Bench(Surroundings(start=(3.0, 4.0, 5.0)), dvl=sensor("dvl"))
     assert bench.e.p == (3.0, 4.0, 5.0)
 
 
 def test_altitude_reaches_down_from_the_mount():
-    bench = Bench(ahrs=source("attitude"), altimeter=source("altimeter", p=(0, 0, 0.2)), depth=source("pressure"))
+    bench = Bench(ahrs=sensor("attitude"), altimeter=sensor("altimeter", p=(0, 0, 0.2)), depth=sensor("pressure"))
     level = (quat_from_rpy(0, 0, 0), 0.0)
     bench.run(3.0, ahrs=level, depth=(5.0, 8.0), altimeter=(9.8, 1.0))
     assert bench.e.bottom - bench.e.p[2] == pytest.approx(10.0, abs=0.02)
@@ -213,7 +213,7 @@ def test_altitude_reaches_down_from_the_mount():
 def test_gps_is_a_place_of_the_antenna():
     origin = (1.1, 0.2)
     place = Surroundings(latitude=origin[0], longitude=origin[1])
-    bench = Bench(place, ahrs=source("attitude"), gps=source("gps", p=(0.5, 0, 0)))
+    bench = Bench(place, ahrs=sensor("attitude"), gps=sensor("gps", p=(0.5, 0, 0)))
     latitude, longitude = latitude_longitude(40.5, -30.0, *origin)
     bench.run(5.0, ahrs=(quat_from_rpy(0, 0, 0), 0.0), gps=(latitude, longitude, 0.2, (0, 0, 0), 1.0, 1.0, 0.1, 12, 3))
     assert bench.e.p[:2] == pytest.approx((40.0, -30.0), abs=0.05)
@@ -223,7 +223,7 @@ def test_usbl_turns_what_it_hears_into_the_vehicle_s_own_place():
     place = Surroundings(beacons={"b": (20.0, 10.0, 30.0)})
     q_BS = quat_from_rpy(0.0, 0.0, 0.5)
     q = quat_from_rpy(0.0, 0.1, 1.0)
-    bench = Bench(place, ahrs=source("attitude"), usbl=source("usbl", p=(0.0, 0.0, 0.3), q=q_BS))
+    bench = Bench(place, ahrs=sensor("attitude"), usbl=sensor("usbl", p=(0.0, 0.0, 0.3), q=q_BS))
     p_NB = (2.0, -3.0, 5.0)
     p_NS = tuple(a + b for a, b in zip(p_NB, rotate(q, (0.0, 0.0, 0.3)), strict=True))
     away = tuple(b - a for a, b in zip(p_NS, place.beacons["b"], strict=True))
@@ -238,7 +238,7 @@ def test_usbl_turns_what_it_hears_into_the_vehicle_s_own_place():
 def test_ranges_of_three_beacons_meet_in_one_place():
     beacons = {"a": (50.0, 0.0, 20.0), "b": (-40.0, 40.0, 20.0), "c": (-10.0, -60.0, 20.0)}
     bench = Bench(
-        Surroundings(beacons=beacons, start=(0.0, 0.0, 5.0)), ahrs=source("attitude"), lbl=source("lbl", sigma=0.3)
+        Surroundings(beacons=beacons, start=(0.0, 0.0, 5.0)), ahrs=sensor("attitude"), lbl=sensor("lbl", sigma=0.3)
     )
     p = (4.0, -6.0, 5.0)
     for k in range(90):
@@ -250,7 +250,7 @@ def test_ranges_of_three_beacons_meet_in_one_place():
 
 
 def test_a_late_fix_is_one_of_where_the_vehicle_was():
-    bench = Bench(ahrs=source("attitude"), dvl=source("dvl"), mocap=source("motion_capture", sigma=0.01))
+    bench = Bench(ahrs=sensor("attitude"), dvl=sensor("dvl"), mocap=sensor("motion_capture", sigma=0.01))
     level = quat_from_rpy(0, 0, 0)
     for k in range(500):
         x = 0.5 * k / RATE
@@ -262,7 +262,7 @@ def test_a_late_fix_is_one_of_where_the_vehicle_was():
 
 
 def test_one_fix_far_off_is_not_believed_many_are():
-    bench = Bench(ahrs=source("attitude"), dvl=source("dvl"), mocap=source("motion_capture", sigma=0.01))
+    bench = Bench(ahrs=sensor("attitude"), dvl=sensor("dvl"), mocap=sensor("motion_capture", sigma=0.01))
     level = quat_from_rpy(0, 0, 0)
     here = ((0.0, 0.0, 5.0), level)
     bench.run(5.0, ahrs=(level, 0.0), dvl=((0.0, 0.0, 0.0), 8.0, 0.01), mocap=here)
@@ -274,7 +274,7 @@ def test_one_fix_far_off_is_not_believed_many_are():
 
 
 def test_a_false_echo_is_not_believed_a_real_jump_is():
-    bench = Bench(ahrs=source("attitude"), dvl=source("dvl"))
+    bench = Bench(ahrs=sensor("attitude"), dvl=sensor("dvl"))
     bench.run(2.0, ahrs=(quat_from_rpy(0, 0, 0), 0.0), dvl=((0.2, 0.0, 0.0), 8.0, 0.01))
     bench.hear("dvl", (1.5, 0.0, 0.0), 8.0, 0.01)
     assert bench.e.v[0] == pytest.approx(0.2, abs=0.01)
@@ -284,7 +284,7 @@ def test_a_false_echo_is_not_believed_a_real_jump_is():
 
 
 def test_frequent_fixes_alone_give_a_velocity():
-    bench = Bench(mocap=source("motion_capture", sigma=0.01))
+    bench = Bench(mocap=sensor("motion_capture", sigma=0.01))
     level = quat_from_rpy(0, 0, 0)
     for k in range(300):
         bench.hear("mocap", (0.3 * k / RATE, 0.0, 5.0), level)
@@ -298,11 +298,11 @@ def test_frequent_fixes_alone_give_a_velocity():
 
 def test_everything_is_lost_after_its_time_out():
     bench = Bench(
-        ahrs=source("attitude"),
-        depth=source("pressure"),
-        dvl=source("dvl"),
-        altimeter=source("altimeter"),
-        imu=source("imu"),
+        ahrs=sensor("attitude"),
+        depth=sensor("pressure"),
+        dvl=sensor("dvl"),
+        altimeter=sensor("altimeter"),
+        imu=sensor("imu"),
     )
     assert not any(bench.known)
     level = (quat_from_rpy(0, 0, 0), 0.0)
@@ -328,8 +328,8 @@ def told_of(*samples):
 
 def test_each_sample_goes_to_who_hears_it_and_an_invalid_one_tells_nothing():
     """Two vehicles in one bank; streams 3 and 1 are their depths, 0 is nobody's."""
-    first, second = seat(depth=source("pressure")), seat(Surroundings(start=(0.0, 0.0, 4.0)), depth=source("pressure"))
-    second.spec.hearing.ports = ("other/depth",)
+    first, second = seat(depth=sensor("pressure")), seat(Surroundings(start=(0.0, 0.0, 4.0)), depth=sensor("pressure"))
+    second.spec.inputs.ports = ("other/depth",)
     bank = Bank()
     bank.gather([first, second], {"rov/depth": 3, "other/depth": 1}, 4)
     assert second.estimate.p == (0.0, 0.0, 4.0)
@@ -343,7 +343,7 @@ def test_each_sample_goes_to_who_hears_it_and_an_invalid_one_tells_nothing():
 
 
 def test_several_may_hear_one_stream():
-    seats = [seat(Surroundings(start=(0.0, 0.0, z)), depth=source("pressure")) for z in (0.0, 4.0, 8.0)]
+    seats = [seat(Surroundings(start=(0.0, 0.0, z)), depth=sensor("pressure")) for z in (0.0, 4.0, 8.0)]
     bank = Bank()
     bank.gather(seats, {"rov/depth": 1}, 2)
     straight(bank.entries.hear_all)(bank.table, told_of((1, 5, 1)), np.array([[2.0, 8.0]]), 1, 10)
@@ -356,8 +356,8 @@ def test_several_may_hear_one_stream():
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1e12])
 def test_a_sample_that_no_sensor_gives_tells_nothing(value):
     bench = Bench(
-        ahrs=source("attitude"), imu=source("imu"), depth=source("pressure"), dvl=source("dvl"), mocap=source("motion_capture"),
-        lbl=source("lbl"), battery=source("battery"), place=Surroundings(beacons={"b": (20.0, 0.0, 5.0)}),
+        ahrs=sensor("attitude"), imu=sensor("imu"), depth=sensor("pressure"), dvl=sensor("dvl"), mocap=sensor("motion_capture"),
+        lbl=sensor("lbl"), battery=sensor("battery"), place=Surroundings(beacons={"b": (20.0, 0.0, 5.0)}),
     )  # fmt: skip
     before = bench.seat.read()
     bench.hear("ahrs", (value, 0.0, 0.0, 0.0), 0.0)
@@ -372,7 +372,7 @@ def test_a_sample_that_no_sensor_gives_tells_nothing(value):
 
 
 def test_a_motion_that_nothing_tells_of_dies_away():
-    bench = Bench(ahrs=source("attitude"), imu=source("imu"), dvl=source("dvl"))
+    bench = Bench(ahrs=sensor("attitude"), imu=sensor("imu"), dvl=sensor("dvl"))
     level = (quat_from_rpy(0, 0, 0), 0.0)
     bench.run(2.0, ahrs=level, dvl=((0.5, 0.0, 0.0), 8.0, 0.01))
     # A tilt error of 3 degrees would make 0.5 m/s2: integrated, 900 m in a minute.
@@ -382,7 +382,7 @@ def test_a_motion_that_nothing_tells_of_dies_away():
 
 
 def test_leak_and_battery_are_remembered():
-    bench = Bench(leak=source("leak"), battery=source("battery"))
+    bench = Bench(leak=sensor("leak"), battery=sensor("battery"))
     bench.hear("leak", True)
     bench.hear("battery", 14.0, 2.0, 28.0, 0.0, 0.42)
     assert bench.e.leak
@@ -392,10 +392,10 @@ def test_leak_and_battery_are_remembered():
 def test_fields_are_found_by_name():
     """The charge of a battery is what its field `charge` says, wherever it stands; a port without it is refused when the world is built."""
     charge, voltage = Field("charge", "1", "what is left"), Field("voltage", "V", "at the terminals")
-    bench = Bench(battery=Source("BatteryState", (charge, voltage)))
+    bench = Bench(battery=SensorInput("BatteryState", (charge, voltage)))
     bench.hear("battery", 0.7, 14.0)
     assert bench.e.charge == 0.7
     with pytest.raises(
         ValueError, match=r'"rov/battery" has no field "charge" \(did you mean "charges"\?\); it has: charges'
     ):
-        Bench(battery=Source("BatteryState", (Field("charges", "1", "what is left"),)))
+        Bench(battery=SensorInput("BatteryState", (Field("charges", "1", "what is left"),)))

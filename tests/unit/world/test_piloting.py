@@ -65,7 +65,7 @@ def test_each_flies_with_its_divisor_and_after_a_jump_at_the_next_of_its_ticks()
 def test_compiled_code_hears_the_sensors_of_its_estimate(flown: World) -> None:
     pilots, part = flown.parts["world/autopilots"], pilot_of(flown)
     assert isinstance(pilots, Pilots)
-    assert set(pilots.ports) == set(part.pilot.spec.hearing.ports)
+    assert set(pilots.ports) == set(part.pilot.spec.inputs.ports)
     assert set(pilots.ports) <= set(flown.ports)
     assert part.hears == ()
     assert part.pilot.estimate.depth_ns > 0

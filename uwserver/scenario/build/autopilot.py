@@ -20,8 +20,8 @@ from uwserver.autopilot.fins import FinEffect, Shaft, fin_allocation
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.pilot import Autopilot
 from uwserver.autopilot.ports import TEST_TIMEOUT_S, set_points
+from uwserver.autopilot.sensor_inputs import SensorInput, SensorInputs, Surroundings, fields_used
 from uwserver.autopilot.services import services
-from uwserver.autopilot.sources import Hearing, Source, Surroundings, wanted
 from uwserver.autopilot.state import Six
 from uwserver.autopilot.status import StateSensor
 from uwserver.autopilot.vehicle_spec import Dynamics, Held, VehicleSpec
@@ -91,7 +91,7 @@ def build_autopilot(
     allocation.devices["row"], allocation.devices["full"] = holding.rows, holding.full
     spec = VehicleSpec(
         path=path,
-        hearing=Hearing(_sources(world, file, name, mounts, ports), _surroundings(world, file, config)),
+        inputs=SensorInputs(_sensor_inputs(world, file, name, mounts, ports), _surroundings(world, file, config)),
         allocation=allocation,
         dynamics=dynamics,
         held=holding.held,
@@ -165,10 +165,10 @@ def _state_slot(world: World, path: str, pilot: Autopilot, config: AutopilotConf
 # -- sensors --------------------------------------------------------------------------------------------------------------------------------
 
 
-def _sources(
+def _sensor_inputs(
     world: World, file: VehicleFile, name: str, mounts: Mapping[str, Pose], ports: Mapping[str, Port]
-) -> dict[str, Source]:
-    found: dict[str, Source] = {}
+) -> dict[str, SensorInput]:
+    found: dict[str, SensorInput] = {}
     taken: set[str] = set()
     names = {
         key: {field.name for field in ports[config.port_of(name, key)].fields} for key, config in file.sensors.items()
@@ -176,7 +176,7 @@ def _sources(
     # Of two pressure sensors it takes the one that reports depth.
     for key, sensor in sorted(file.sensors.items(), key=lambda item: "pressure" in names[item[0]]):
         message, fields = sensor.message, ports[sensor.port_of(name, key)].fields
-        takes = wanted(message, fields)
+        takes = fields_used(message, fields)
         if not takes or not names[key].issuperset(takes) or (message in _ONLY_ONE and message in taken):
             continue
         taken.add(message)
@@ -184,7 +184,7 @@ def _sources(
         density = atmosphere = 0.0
         if "pressure" in takes:
             density, atmosphere = world.water.density * world.water.gravity, world.water.atmospheric_pressure
-        found[f"{name}/{key}"] = Source(
+        found[f"{name}/{key}"] = SensorInput(
             message=message,
             fields=fields,
             p=mount.p,

@@ -87,7 +87,7 @@ def test_an_extension_that_says_imu_is_one(tmp_path: Path) -> None:
     assert (view.beams[0].far, view.sigmas) == (3.0, {"w_S": (0.01,)})
     pilot = world.parts["rov/autopilot"]
     assert isinstance(pilot, Piloting)
-    assert "rov/feeling" in pilot.pilot.spec.hearing.ports
+    assert "rov/feeling" in pilot.pilot.spec.inputs.ports
 
 
 @pytest.mark.parametrize(

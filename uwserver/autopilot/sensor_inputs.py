@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uwserver.autopilot.rows import SOURCE
+from uwserver.autopilot.rows import SENSOR
 from uwserver.autopilot.state import STILL
 from uwserver.frames import IDENTITY, Quat, Vec3
 from uwserver.modifiers.columns import columns_of
@@ -35,14 +35,14 @@ IMU, ATTITUDE, PRESSURE, DVL, ALTIMETER, GPS, MOTION_CAPTURE, USBL, LBL, LEAK, B
 """Codes of the messages."""
 
 
-def wanted(message: str, fields: Collection[Field]) -> tuple[str, ...]:
+def fields_used(message: str, fields: Collection[Field]) -> tuple[str, ...]:
     """Return the names of the fields that it reads from a sensor of a standard message; none if it cannot use the message."""
     if message == "FluidPressure" and any(field.name == "depth" for field in fields):
         return ("depth",)
     return FIELDS.get(message, ())
 
 
-class Source(NamedTuple):
+class SensorInput(NamedTuple):
     """One sensor that the autopilot reads.
 
     Attributes:
@@ -82,37 +82,37 @@ class Surroundings:
     start: Vec3 | None = None
 
 
-class Hearing:
+class SensorInputs:
     """The sensors of one vehicle, as rows.
 
     Attributes:
         ports: paths of the sensors, in the order of the rows.
-        rows: a SOURCE for each.
+        rows: a SENSOR for each.
         beacons: (n, 3) p_N of the beacons whose place is known, m.
-        in_words: paths of the sensors whose samples contain texts. Compiled code does not read these.
+        text_ports: paths of the sensors whose samples contain texts. Compiled code does not read these.
         messages: the standard messages of the sensors.
         place: what the operator knows of the place.
     """
 
-    def __init__(self, sources: Mapping[str, Source], place: Surroundings) -> None:
+    def __init__(self, sensors: Mapping[str, SensorInput], place: Surroundings) -> None:
         """Read these sensors, given by port path. Raises ValueError if a port lacks a field."""
-        self.ports, self.place = tuple(sources), place
-        self.messages = frozenset(source.message for source in sources.values())
-        self.rows: Any = np.zeros(len(sources), SOURCE)
+        self.ports, self.place = tuple(sensors), place
+        self.messages = frozenset(sensor.message for sensor in sensors.values())
+        self.rows: Any = np.zeros(len(sensors), SENSOR)
         self.beacons: FloatArray = np.array(list(place.beacons.values()), float).reshape(-1, 3)
         self._names = list(place.beacons)
-        self._columns = {path: columns_of(source.fields) for path, source in sources.items()}
-        self.in_words = tuple(path for path, source in sources.items() if FIELDS[source.message][0] == "beacon")
-        for row, (path, source) in zip(self.rows, sources.items(), strict=True):
-            row["kind"] = MESSAGES.index(source.message)
-            row["place"][:] = self._places(path, source)
-            row["p"], row["q"], row["sigma"], row["north"] = source.p, source.q, source.sigma, source.north
-            row["density"], row["atmosphere"] = source.density, source.atmosphere
+        self._columns = {path: columns_of(sensor.fields) for path, sensor in sensors.items()}
+        self.text_ports = tuple(path for path, sensor in sensors.items() if FIELDS[sensor.message][0] == "beacon")
+        for row, (path, sensor) in zip(self.rows, sensors.items(), strict=True):
+            row["kind"] = MESSAGES.index(sensor.message)
+            row["place"][:] = self._places(path, sensor)
+            row["p"], row["q"], row["sigma"], row["north"] = sensor.p, sensor.q, sensor.sigma, sensor.north
+            row["density"], row["atmosphere"] = sensor.density, sensor.atmosphere
 
-    def _places(self, path: str, source: Source) -> list[int]:
+    def _places(self, path: str, sensor: SensorInput) -> list[int]:
         """Return the places of the fields in a row of the stream. A text has the place behind the last number."""
         columns = self._columns[path]
-        places = [columns.first[k] for k in bind(path, source.fields, *wanted(source.message, source.fields))]
+        places = [columns.first[k] for k in bind(path, sensor.fields, *fields_used(sensor.message, sensor.fields))]
         places = [columns.width if place < 0 else place for place in places]
         return places + [0] * (3 - len(places))
 
