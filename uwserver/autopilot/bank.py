@@ -1,4 +1,4 @@
-"""The rows of autopilots: those of one autopilot (`Seat`), and the arrays with the rows of all autopilots of a world (`Bank`)."""
+"""The rows of autopilots: those of one autopilot (`AutopilotRow`), and the arrays with the rows of all autopilots of a world (`Bank`)."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.straight import address_of, straight
 
 
-class Seat:
+class AutopilotRow:
     """The rows of one autopilot: its own, or in the bank of a world.
 
     Attributes:
         spec: its vehicle.
         estimate, memory, orders: its records, which read and write the row.
-        row, devices: a PILOT, and a DEVICE for each of its devices.
+        record, devices: a PILOT, and a DEVICE for each of its devices.
         k, first_sensor: number of its row in the bank, and of the first SENSOR of its sensors.
     """
 
@@ -46,17 +46,17 @@ class Seat:
             Live(Orders, {"gains": gains, "items": items, "test": test}),
         )
         self.estimate, self.memory, self.orders = cast("tuple[Estimate, Memory, Orders]", self._live)
-        self.lie(None, 0, np.zeros(1, PILOT), spec.allocation.devices.copy())
-        spec.fill(self.row["c"])
+        self.bind_row(None, 0, np.zeros(1, PILOT), spec.allocation.devices.copy())
+        spec.fill(self.record["c"])
         self.write(spec.begin(), Memory(), Orders(gains=spec.gains, mode=spec.mode))
         self.switch()
 
-    def lie(self, bank: Bank | None, k: int, pilots: Any, devices: Any) -> None:
+    def bind_row(self, bank: Bank | None, k: int, pilots: Any, devices: Any) -> None:
         """Use row k and these rows of devices from now on. They already contain its values. `bank` is None outside a bank."""
-        self._bank, self.k, self.row, self.devices = bank, k, pilots[k], devices
+        self._bank, self.k, self.record, self.devices = bank, k, pilots[k], devices
         self._here = pilots[k : k + 1].view(np.uint8)[: REMEMBERED.itemsize]
         for live, name in zip(self._live, "emo", strict=True):
-            live.lie(pilots[name][k : k + 1])
+            live.bind_row(pilots[name][k : k + 1])
 
     @property
     def bank(self) -> Bank:
@@ -78,7 +78,7 @@ class Seat:
     def save(self) -> Remembered:
         """Return a copy of its records, as bytes."""
         devices = self.devices
-        test = devices["test"].tobytes() if self.row["c"]["testing"] else b""
+        test = devices["test"].tobytes() if self.record["c"]["testing"] else b""
         return Remembered(self._here.tobytes(), devices["part"].tobytes(), test, self._items)
 
     def records(self, kept: Remembered) -> tuple[Estimate, Memory, Orders]:
@@ -100,15 +100,15 @@ class Seat:
 
     def load(self, kept: Remembered) -> bool:
         """Restore a saved state that `records` has checked. Returns whether the mode, or who commands the actuators, has changed."""
-        o = self.row["o"]
+        o = self.record["o"]
         before = o.copy()
         self._here[:] = np.frombuffer(kept.row, np.uint8)
         self.devices["part"] = np.frombuffer(kept.outputs)
         self.devices["test"] = np.frombuffer(kept.test) if kept.test else 0.0
-        self.row["c"]["testing"] = bool(kept.test)
+        self.record["c"]["testing"] = bool(kept.test)
         self._set_items(kept.items)
         if before["gains"].tobytes() != o["gains"].tobytes():
-            self._gains = _gains_in(self.row)
+            self._gains = _gains_in(self.record)
         return any(before[name] != o[name] for name in ("mode", "armed", "waits"))
 
     def forget(self) -> None:
@@ -116,19 +116,19 @@ class Seat:
         self._live[1].write(Memory())
 
     def _set_gains(self, gains: Gains) -> None:
-        self._gains, self.row["o"]["gains"] = gains, structs.astuple(gains)
+        self._gains, self.record["o"]["gains"] = gains, structs.astuple(gains)
 
     def _set_items(self, items: tuple[Item, ...]) -> None:
-        self._items, self.row["c"]["items"] = items, len(items)
+        self._items, self.record["c"]["items"] = items, len(items)
 
     def _set_outputs(self, parts: Sequence[float]) -> None:
         self.devices["part"] = parts or 0.0
 
     def _test(self) -> tuple[float, ...]:
-        return tuple(self.devices["test"].tolist()) if self.row["c"]["testing"] else ()
+        return tuple(self.devices["test"].tolist()) if self.record["c"]["testing"] else ()
 
     def _set_test(self, parts: Sequence[float]) -> None:
-        self.row["c"]["testing"], self.devices["test"] = bool(parts), parts or 0.0
+        self.record["c"]["testing"], self.devices["test"] = bool(parts), parts or 0.0
 
     def stay(self) -> None:
         """Move the set points that no command has given to where the vehicle is."""
@@ -160,7 +160,7 @@ class Bank:
     """The rows of several autopilots, one after the other.
 
     Attributes:
-        seats: the autopilots.
+        rows: of the autopilots.
         table: the table of the arrays for compiled code.
         entries: the module with the compiled code.
         tell_one: an entry of it that is called in ticks, without the search for a version.
@@ -171,46 +171,46 @@ class Bank:
 
         self.entries = entries
         self.tell_one, self._step_all = straight(entries.tell_one), straight(entries.step_all)
-        self.seats: tuple[Seat, ...] = ()
+        self.rows: tuple[AutopilotRow, ...] = ()
 
-    def gather(self, seats: Iterable[Seat], streams: Mapping[str, int], count: int) -> None:
+    def gather(self, rows: Iterable[AutopilotRow], streams: Mapping[str, int], count: int) -> None:
         """Hold the rows of these autopilots, and of no others. All autopilots that come or go keep their values.
 
         Args:
-            seats: the autopilots.
+            rows: of the autopilots.
             streams: numbers of the streams that compiled code delivers, by port.
             count: of these numbers.
         """
-        gone, self.seats = self.seats, tuple(seats)
-        all_inputs = [seat.spec.inputs for seat in self.seats]
-        allocations = [seat.spec.allocation for seat in self.seats]
-        pilots: Any = np.zeros(len(self.seats), PILOT)
-        devices = _records(DEVICE, [seat.devices for seat in self.seats])
+        gone, self.rows = self.rows, tuple(rows)
+        all_inputs = [row.spec.inputs for row in self.rows]
+        allocations = [row.spec.allocation for row in self.rows]
+        pilots: Any = np.zeros(len(self.rows), PILOT)
+        devices = _records(DEVICE, [row.devices for row in self.rows])
         sensors = _records(SENSOR, [each.rows for each in all_inputs])
         curves = np.concatenate([np.zeros((0, 2)), *[each.curves for each in allocations]])
         beacons = np.concatenate([np.zeros((0, 3)), *[each.beacons for each in all_inputs]])
         ears = np.full(count, -1, np.int64)
         device = curve = sensor = beacon = 0
-        for k, (seat, inputs, allocation) in enumerate(zip(self.seats, all_inputs, allocations, strict=True)):
-            own_devices, own_sensors = devices[device : device + len(seat.devices)], sensors[sensor : sensor + len(inputs.rows)]
-            pilots[k] = seat.row
+        for k, (row, inputs, allocation) in enumerate(zip(self.rows, all_inputs, allocations, strict=True)):
+            own_devices, own_sensors = devices[device : device + len(row.devices)], sensors[sensor : sensor + len(inputs.rows)]
+            pilots[k] = row.record
             own_devices["curve_first"] = allocation.devices["curve_first"] + curve
             own_sensors["pilot"], own_sensors["beacon_first"], own_sensors["next"] = k, beacon, -1
             for n, port in enumerate(inputs.ports):
                 if port in streams and port not in inputs.text_ports:
                     own_sensors["next"][n], ears[streams[port]] = ears[streams[port]], sensor + n
             pilots["c"]["device_first"][k], pilots["c"]["device_count"][k] = device, len(own_devices)
-            seat.lie(self, k, pilots, own_devices)
-            seat.first_sensor = sensor
+            row.bind_row(self, k, pilots, own_devices)
+            row.first_sensor = sensor
             device, curve = device + len(own_devices), curve + len(allocation.curves)
             sensor, beacon = sensor + len(own_sensors), beacon + len(inputs.beacons)
         self._kept: Mapping[str, Any] = {
             "pilots": pilots, "devices": devices, "curves": curves, "sensors": sensors, "beacons": beacons, "ears": ears,
         }  # fmt: skip
         self.table: IntArray = layout.addresses(FORMS, self._kept)
-        for seat in set(gone).difference(self.seats):
+        for row in set(gone).difference(self.rows):
             # Another autopilot has its number now, so it gets rows of its own.
-            seat.lie(None, 0, np.array([seat.row]), seat.devices.copy())
+            row.bind_row(None, 0, np.array([row.record]), row.devices.copy())
 
     def step(self, world: IntArray, tick: int, t_ns: int) -> bool:
         """Step all autopilots that are due. Returns whether some need Python (`needs`). `world` is the table of the bodies' arrays."""

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import cast
 
 from uwserver.autopilot import route
-from uwserver.autopilot.bank import Seat
+from uwserver.autopilot.bank import AutopilotRow
 from uwserver.autopilot.flight import ARRIVED, BEGIN, CONTROL, DONE, FAILSAFE, NOTHING, PROGRESS, READY, STEER, WATCH
 from uwserver.autopilot.mission import Item, Waypoint
 from uwserver.autopilot.modes import FOLLOWS, REMEDY, Known, known, missing, refuge
@@ -27,7 +27,7 @@ class Autopilot:
 
     Attributes:
         spec: its vehicle.
-        seat: its rows.
+        row: its rows.
         estimate, memory, orders: its records, which are in the rows.
         set_points: slots of its own ports, by name, without that of the pilot. They take commands only in some modes.
     """
@@ -43,8 +43,8 @@ class Autopilot:
             say: sends a text to all clients.
             answers: the list for replies of calls that wait.
         """
-        self.spec, self.seat = spec, Seat(spec)
-        self.estimate, self.memory, self.orders = self.seat.estimate, self.seat.memory, self.seat.orders
+        self.spec, self.row = spec, AutopilotRow(spec)
+        self.estimate, self.memory, self.orders = self.row.estimate, self.row.memory, self.row.orders
         self.set_points: dict[str, Held] = {}
         self._now, self._send = now, say
         self._errand: Later | None = None
@@ -75,14 +75,14 @@ class Autopilot:
         """Handle what a step has stopped for (`flight`), and continue it. `world` is the table of the bodies' arrays."""
         while need != NOTHING:
             stage = self._handle(need)
-            need = NOTHING if stage is None else self.seat.go_on(world, t_ns, stage)
+            need = NOTHING if stage is None else self.row.go_on(world, t_ns, stage)
 
     def _handle(self, need: int) -> int | None:
         """Do what a step needs. Returns the stage at which the step continues; None if it ends."""
         o = self.orders
         if need == READY:
             o.waits = False
-            self.seat.stay()  # only now the sensors have measured where the vehicle is
+            self.row.stay()  # only now the sensors have measured where the vehicle is
             self._open_ports()
             return WATCH
         if need == FAILSAFE:
@@ -99,14 +99,14 @@ class Autopilot:
             o.settled = True
             self._end(None)
         elif need == PROGRESS and self._errand is not None:
-            self.seat.row["c"]["silence"] = 0.0
+            self.row.record["c"]["silence"] = 0.0
             part = 1.0 - route.distance(o, self.estimate) / o.length
             self._errand.progress(min(1.0, max(0.0, part)), self.t_ns)
         return CONTROL
 
     def _tell_item(self) -> None:
         """Write the present item of the mission into the row, so that compiled code knows when it is done."""
-        o, c = self.orders, self.seat.row["c"]
+        o, c = self.orders, self.row.record["c"]
         if o.items and o.index >= 0:
             c["item"], c["lasts"] = route.kind_of(o.items[o.index])
 
@@ -170,7 +170,7 @@ class Autopilot:
         before = self.orders.mode
         self.preempt(why)
         enter(self.orders, self.memory, mode)
-        self.seat.stay()
+        self.row.stay()
         self.end_test()
         self._open_ports()
         if before != mode:
@@ -191,9 +191,9 @@ class Autopilot:
             raise Refused("denied", "there is water in the hull; arm with force = true if you must", "force")
         if o.armed:
             return
-        self.seat.forget()
+        self.row.forget()
         o.armed, o.waits = True, False
-        self.seat.stay()
+        self.row.stay()
         self._take_hold()
         self._say(f"armed in mode {o.mode}")
 
@@ -206,7 +206,7 @@ class Autopilot:
         o.armed, o.failsafe, o.pilot, o.test = False, "", "", ()
         for slot in self.spec.held:
             slot.actuator.neutral()
-        self.seat.forget()
+        self.row.forget()
         self._take_hold()
         self._say("disarmed")
 
@@ -241,7 +241,7 @@ class Autopilot:
     def hold(self) -> None:
         """Stop, and hold where the vehicle is what the mode holds."""
         enter(self.orders, self.memory, self.orders.mode)
-        self.seat.stay()
+        self.row.stay()
 
     def _take_hold(self) -> None:
         """Refuse the commands of others to the actuators while the autopilot is armed."""
@@ -322,7 +322,7 @@ class Autopilot:
         near = self.spec.arrival_m if radius is None else radius
         route.go(o, e, where, heading, speed, near, self.known.altitude)
         o.length = max(route.distance(o, e), 1e-9)
-        self.seat.row["c"]["errand"], self.seat.row["c"]["silence"] = 1, 0.0
+        self.row.record["c"]["errand"], self.row.record["c"]["silence"] = 1, 0.0
         return self._wait("goto")
 
     def fly(self, items: tuple[Item, ...] | None, index: int) -> Later:
@@ -364,7 +364,7 @@ class Autopilot:
     def _end(self, fault: Fault | None) -> None:
         """Answer the call that waits: with a fault, or with its result."""
         errand, self._errand = self._errand, None
-        self.seat.row["c"]["errand"] = 0
+        self.row.record["c"]["errand"] = 0
         assert errand is not None
         result: Json = None
         if fault is None and self._errand_name == "fly_mission":
@@ -381,12 +381,12 @@ class Autopilot:
         Raises:
             ValueError: it is not a state of this vehicle, or it is impossible (`refuse_impossible`).
         """
-        refuse_impossible(self.spec.path, *self.seat.records(kept))
+        refuse_impossible(self.spec.path, *self.row.records(kept))
 
     def load(self, kept: Remembered) -> None:
         """Restore a saved state. A call that waits ends."""
         self.preempt("the world was reset or restored")
-        has_changed = self.seat.load(kept)
+        has_changed = self.row.load(kept)
         self._tell_item()
         if has_changed:
             self._take_hold()

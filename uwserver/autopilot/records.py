@@ -100,7 +100,7 @@ class Live:
         object.__setattr__(self, "_kind", kind)
         object.__setattr__(self, "_beside", beside)
 
-    def lie(self, rows: Any) -> None:
+    def bind_row(self, rows: Any) -> None:
         """Use this array of one row from now on."""
         set_own = partial(object.__setattr__, self)
         set_own("_places", _places(rows.dtype))

@@ -63,7 +63,7 @@ def _state(path: str, pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:
     def set_position(args: Asked) -> Json:
         north, east, down = cast("list[float]", args["position_ned_m"])
         place_at(pilot.estimate, north, east, None if pilot.known.depth else down)
-        pilot.seat.stay()
+        pilot.row.stay()
         return None
 
     yield (

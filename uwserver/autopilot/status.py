@@ -62,9 +62,9 @@ class StateSensor(IdealSensor):
     def write(self, row: FloatArray) -> tuple[Value, ...]:
         """Write the numbers of the reading; see `Sensor.write`."""
         pilot = self._pilot
-        return TEXTS[pilot.seat.tell(pilot.t_ns, row)]
+        return TEXTS[pilot.row.tell(pilot.t_ns, row)]
 
     @property
     def writing(self) -> Writing:  # type: ignore[override]  # its row may change
         """How compiled code writes the reading; see `Sensor.writing`."""
-        return Writing(self._pilot.seat.k, TEXTS)
+        return Writing(self._pilot.row.k, TEXTS)

@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
-from uwserver.autopilot.bank import Seat
+from uwserver.autopilot.bank import AutopilotRow
 from uwserver.autopilot.status import StateSensor
 from uwserver.frames import rotate
 from uwserver.ports import Call, Event, Field, Port, Refused, Sample
@@ -151,7 +151,7 @@ class _Estimation:
 
     def __init__(self, world: World, part: Piloting, vehicle: str) -> None:
         self._world, self._pilot = world, part.pilot
-        self._seat: Seat = part.pilot.seat
+        self._row: AutopilotRow = part.pilot.row
         orders = part.pilot.orders
         orders.armed = orders.waits = False
         self._inputs = set(self._pilot.spec.inputs.ports)
@@ -189,15 +189,15 @@ class _Estimation:
             state: its state at the begin of the recording.
             vehicle: name of the vehicle.
         """
-        seat = _piloting(world, vehicle).pilot.seat
-        has_other_gains = self._seat.orders.gains != seat.orders.gains
+        row = _piloting(world, vehicle).pilot.row
+        has_other_gains = self._row.orders.gains != row.orders.gains
         try:
             snapshot.from_bytes(world, state)
         except Refused as refused:
             raise NotReplayable(f"{path}: the state it begins with cannot be loaded: {refused}") from refused
-        self._seat.row["e"] = seat.row["e"]
+        self._row.record["e"] = row.record["e"]
         if not has_other_gains:  # gains may have been set before the recording began
-            self._seat.orders.gains = seat.orders.gains
+            self._row.orders.gains = row.orders.gains
         self._world.tick = self._tick = world.tick
 
     def run(self, reading: Reading) -> None:
@@ -256,7 +256,7 @@ class _Estimation:
         if topic in self._inputs:
             self._samples += 1
             if message.valid:
-                self._seat.hear(topic, self._values(topic, value), t_ns, self._now_ns)
+                self._row.hear(topic, self._values(topic, value), t_ns, self._now_ns)
         if topic not in self.written:
             return
         if self.writer is not None:
@@ -282,7 +282,7 @@ class _Estimation:
             self._tick = end - 1 if end > _LATE_S * self._world.rate_hz else 0
         for tick in range(self._tick, end):
             now_ns = self._world.ticks.time_of(tick)
-            self._seat.bank.step(self._world.hydro.table, tick, now_ns)
+            self._row.bank.step(self._world.hydro.table, tick, now_ns)
         self._tick = max(self._tick, end)
 
     def _compare(self, message: _SampleMessage) -> None:

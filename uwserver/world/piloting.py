@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-from uwserver.autopilot.bank import Bank, Seat
+from uwserver.autopilot.bank import AutopilotRow, Bank
 from uwserver.autopilot.pilot import Autopilot
 from uwserver.autopilot.state import Remembered
 from uwserver.autopilot.vehicle_spec import Held
@@ -40,7 +40,7 @@ class Piloting(Part):
     def hear(self, sample: Sample, t_ns: int) -> None:
         """Take a sample into the estimate."""
         if sample.valid:
-            self.pilot.seat.hear(sample.port, sample.value, sample.t_ns, t_ns)
+            self.pilot.row.hear(sample.port, sample.value, sample.t_ns, t_ns)
 
     def leave(self, why: str) -> None:
         """Answer the caller that waits for the end of a manoeuvre."""
@@ -48,7 +48,7 @@ class Piloting(Part):
 
     def save(self) -> PilotState:
         """Return its state. The call that waits is not part of it."""
-        return PilotState(self.pilot.seat.save())
+        return PilotState(self.pilot.row.save())
 
     def check(self, state: Any) -> None:
         """Raise ValueError if the state is not of this vehicle's autopilot."""
@@ -63,7 +63,7 @@ class _Switch(NamedTuple):
     """An actuator that can be switched off, and the autopilot that has to know of it."""
 
     slot: Held
-    seat: Seat
+    row: AutopilotRow
 
 
 class Pilots(Stateless):
@@ -95,13 +95,13 @@ class Pilots(Stateless):
         self._divisors = tuple({pilot.spec.divisor for pilot in pilots})
         self.ports = tuple([port for pilot in pilots for port in pilot.spec.inputs.ports if port in streams])
         self._pilots = dict(enumerate(pilots))
-        self._switches = [_Switch(slot, pilot.seat) for pilot in pilots for slot in pilot.spec.held]
+        self._switches = [_Switch(slot, pilot.row) for pilot in pilots for slot in pilot.spec.held]
         self._active = []
         if pilots and self._bank is None:
             banks.load("autopilots")
             self._bank = Bank()
         if self._bank is not None:
-            self._bank.gather([pilot.seat for pilot in pilots], streams, max(streams.values(), default=-1) + 1)
+            self._bank.gather([pilot.row for pilot in pilots], streams, max(streams.values(), default=-1) + 1)
 
     def attend(self, t_ns: int) -> None:
         """Do the Python work of the autopilots that have just stepped."""
@@ -125,4 +125,4 @@ class Pilots(Stateless):
         if active != self._active:
             self._active = active
             for switch in self._switches:
-                switch.seat.switch()
+                switch.row.switch()

@@ -66,22 +66,22 @@ def together():
 @pytest.mark.parametrize("name", STARTS)
 def test_each_flies_as_it_does_alone_bit_for_bit(together, name):
     alone = flown(world_of(name), name)
-    assert pilot_of(together, name).seat.read() == pilot_of(alone, name).seat.read()
+    assert pilot_of(together, name).row.read() == pilot_of(alone, name).row.read()
     assert any(pilot_of(alone, name).memory.outputs)
     assert together.vehicles[name].p_NB == alone.vehicles[name].p_NB
 
 
 def test_one_that_goes_takes_its_rows_and_leaves_the_others_theirs():
     world = flown(world_of("auv", "rov"), "auv", "rov")
-    gone, kept = pilot_of(world, "auv"), pilot_of(world, "rov").seat.read()
-    before = gone.seat.read()
+    gone, kept = pilot_of(world, "auv"), pilot_of(world, "rov").row.read()
+    before = gone.row.read()
     world.dismiss("auv")
-    assert pilot_of(world, "rov").seat.read() == kept
-    assert gone.seat.read() == before
+    assert pilot_of(world, "rov").row.read() == kept
+    assert gone.row.read() == before
     flew = world.hydro.thrusters["command"].copy()
     world.step(120)
-    assert pilot_of(world, "rov").seat.read() != kept
-    assert gone.seat.read() == before
+    assert pilot_of(world, "rov").row.read() != kept
+    assert gone.row.read() == before
     assert not (world.hydro.thrusters["command"] == flew).all()
 
 
@@ -90,118 +90,118 @@ def test_one_that_went_changes_and_hears_for_itself_alone():
     world = flown(world_of("auv", "rov"), "auv", "rov")
     gone, other = pilot_of(world, "auv"), pilot_of(world, "rov")
     world.dismiss("auv")
-    assert gone.seat.k == other.seat.k == 0
-    kept, row = other.seat.read(), np.zeros(32 + len(gone.spec.names))
-    gone.seat.tell(world.t_ns, row)
+    assert gone.row.k == other.row.k == 0
+    kept, row = other.row.read(), np.zeros(32 + len(gone.spec.names))
+    gone.row.tell(world.t_ns, row)
     assert row[1] == pytest.approx(gone.estimate.p[0])
     gone.hold()
-    gone.seat.hear("auv/ahrs", ((1.0, 0.0, 0.0, 0.0), 0.0), world.t_ns, world.t_ns)
+    gone.row.hear("auv/ahrs", ((1.0, 0.0, 0.0, 0.0), 0.0), world.t_ns, world.t_ns)
     assert gone.estimate.attitude_ns == world.t_ns
     assert gone.orders.depth == gone.estimate.p[2]
-    assert other.seat.read() == kept
+    assert other.row.read() == kept
 
 
 def test_each_place_in_a_bank_is_found_after_others_came_and_went():
     """Devices, curves, sensors and beacons lie one after the other, of vehicles with different numbers of them."""
-    seats = {name: pilot_of(world_of(name), name).seat for name in STARTS}
-    bank, own = Bank(), {name: seat.read() for name, seat in seats.items()}
-    ports = [port for seat in seats.values() for port in seat.spec.inputs.ports]
+    rows = {name: pilot_of(world_of(name), name).row for name in STARTS}
+    bank, own = Bank(), {name: row.read() for name, row in rows.items()}
+    ports = [port for row in rows.values() for port in row.spec.inputs.ports]
     streams = {port: 2 * k for k, port in enumerate(ports)}
     for names in (("rov", "auv"), ("big", "rov", "pro"), ("pro",), (), tuple(STARTS)):
-        bank.gather([seats[name] for name in names], streams, 2 * len(streams))
-        assert {name: seat.read() for name, seat in seats.items()} == own
-        rows = bank._kept
+        bank.gather([rows[name] for name in names], streams, 2 * len(streams))
+        assert {name: row.read() for name, row in rows.items()} == own
+        tables = bank._kept
         for name in names:
-            seat = seats[name]
-            c, allocation, inputs = seat.row["c"], seat.spec.allocation, seat.spec.inputs
-            mine = rows["devices"][c["device_first"] : c["device_first"] + c["device_count"]]
+            row = rows[name]
+            c, allocation, inputs = row.record["c"], row.spec.allocation, row.spec.inputs
+            mine = tables["devices"][c["device_first"] : c["device_first"] + c["device_count"]]
             assert (mine["row"] == allocation.devices["row"]).all()
             if len(allocation.curves):
                 assert (
-                    rows["curves"][mine["curve_first"]] == allocation.curves[allocation.devices["curve_first"]]
+                    tables["curves"][mine["curve_first"]] == allocation.curves[allocation.devices["curve_first"]]
                 ).all()
             for n, port in enumerate(inputs.ports):
-                sensor = rows["sensors"][rows["ears"][streams[port]]]
-                assert (sensor["pilot"], sensor["kind"], sensor["next"]) == (seat.k, inputs.rows["kind"][n], -1)
-    assert {seat.k for seat in seats.values()} == {0, 1, 2, 3}
+                sensor = tables["sensors"][tables["ears"][streams[port]]]
+                assert (sensor["pilot"], sensor["kind"], sensor["next"]) == (row.k, inputs.rows["kind"][n], -1)
+    assert {row.k for row in rows.values()} == {0, 1, 2, 3}
 
 
 # -- rows as records -----------------------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
-def seat():
-    return pilot_of(world_of("rov"), "rov").seat
+def row():
+    return pilot_of(world_of("rov"), "rov").row
 
 
-def test_records_come_out_of_a_row_as_they_went_in(seat):
+def test_records_come_out_of_a_row_as_they_went_in(row):
     estimate = Estimate(p=(1.0, 2.0, 3.0), leak=True, refused=3, imu_ns=7, flat=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
     memory = Memory(push=(1.0, 2.0, 3.0), crab=0.1, outputs=tuple(0.1 * k for k in range(8)))
     orders = Orders(
         gains=Gains(depth_p=0.7), mode="guided", armed=True, pilot="lost", given=("depth", "place"), frame="N", attitude=(1.0, 0.0, 0.0, 0.0),
         looks=True, test=(0.5,) * 8, failsafe="sensor depth", turn_limit=math.inf, index=-1,
     )  # fmt: skip
-    seat.write(estimate, memory, orders)
-    assert seat.read() == (estimate, memory, orders)
-    assert (seat.orders.mode, seat.orders.given, seat.orders.armed) == ("guided", ("depth", "place"), True)
-    seat.orders.attitude, seat.orders.test = None, ()
-    assert seat.read()[2] == structs.replace(orders, attitude=None, test=())
+    row.write(estimate, memory, orders)
+    assert row.read() == (estimate, memory, orders)
+    assert (row.orders.mode, row.orders.given, row.orders.armed) == ("guided", ("depth", "place"), True)
+    row.orders.attitude, row.orders.test = None, ()
+    assert row.read()[2] == structs.replace(orders, attitude=None, test=())
     # What is no number is the same everywhere, so that records can be compared.
-    assert seat.orders.place is not NOWHERE
-    assert seat.orders.place == NOWHERE
-    assert seat.orders.speed is NAN
+    assert row.orders.place is not NOWHERE
+    assert row.orders.place == NOWHERE
+    assert row.orders.speed is NAN
 
 
-def test_what_it_is_can_be_copied_read_and_put_back(seat):
+def test_what_it_is_can_be_copied_read_and_put_back(row):
     estimate, memory = Estimate(p=(1.0, math.nan, 3.0), leak=True), Memory(tau=(1.0,) * 6, outputs=(0.25,) * 8)
     orders = Orders(gains=Gains(depth_p=0.7), mode="mission", items=(Hold(time_s=5.0),), index=0, test=(0.5,) * 8)
-    seat.write(estimate, memory, orders)
-    kept, written = seat.save(), seat.read()
-    assert seat.records(kept) == written
-    assert seat.load(kept) is False
-    seat.write(Estimate(), Memory(), Orders(gains=Gains(), mode="mission"))
-    assert seat.read() != written
-    assert seat.records(kept) == written
-    assert seat.load(kept) is False  # neither the mode nor who commands the actuators is another one
-    assert seat.read() == written
-    assert seat.save() == kept
-    seat.orders.armed = True
-    assert seat.load(kept) is True
-    assert not seat.orders.armed
+    row.write(estimate, memory, orders)
+    kept, written = row.save(), row.read()
+    assert row.records(kept) == written
+    assert row.load(kept) is False
+    row.write(Estimate(), Memory(), Orders(gains=Gains(), mode="mission"))
+    assert row.read() != written
+    assert row.records(kept) == written
+    assert row.load(kept) is False  # neither the mode nor who commands the actuators is another one
+    assert row.read() == written
+    assert row.save() == kept
+    row.orders.armed = True
+    assert row.load(kept) is True
+    assert not row.orders.armed
 
 
-def test_a_field_that_a_record_has_not_is_no_attribute(seat):
+def test_a_field_that_a_record_has_not_is_no_attribute(row):
     with pytest.raises(AttributeError, match="Orders has no depht"):
-        _ = seat.orders.depht
+        _ = row.orders.depht
     with pytest.raises(AttributeError, match="Orders has no depht"):
-        seat.orders.depht = 1.0
+        row.orders.depht = 1.0
 
 
-def test_a_course_is_set_with_all_that_belongs_to_it(seat):
+def test_a_course_is_set_with_all_that_belongs_to_it(row):
     before = Orders(
         gains=Gains(cruise_mps=0.7), mode="guided", given=("altitude",), frame="N", attitude=(1.0, 0.0, 0.0, 0.0), heading=0.5, looks=False,
         settled=True, astray=True, turn=0.1, turn_limit=0.2, blind=True, failsafe="sensor altitude", velocity=(1.0, 2.0, 3.0), altitude=4.0,
     )  # fmt: skip
-    seat.write(Estimate(p=(1.0, 2.0, 3.0)), Memory(), before)
-    set_course(seat.orders, seat.estimate, (10.0, 20.0, 30.0), None, None, 2.0)
+    row.write(Estimate(p=(1.0, 2.0, 3.0)), Memory(), before)
+    set_course(row.orders, row.estimate, (10.0, 20.0, 30.0), None, None, 2.0)
     went = structs.replace(
         before, origin=(1.0, 2.0, 3.0), place=(10.0, 20.0, 30.0), depth=30.0, given=("altitude", "depth", "heading", "place"), looks=True, speed=0.7,
         radius=2.0, frame="", attitude=None, settled=False, astray=False, turn=NAN, turn_limit=math.inf,
     )  # fmt: skip
-    assert seat.read()[2] == went
-    set_course(seat.orders, seat.estimate, (10.0, 20.0, 30.0), 1.5, 0.3, 2.0)
-    assert seat.read()[2] == structs.replace(went, heading=1.5, looks=False, speed=0.3)
-    leave_bottom(seat.orders)
-    left = seat.read()[2]
+    assert row.read()[2] == went
+    set_course(row.orders, row.estimate, (10.0, 20.0, 30.0), 1.5, 0.3, 2.0)
+    assert row.read()[2] == structs.replace(went, heading=1.5, looks=False, speed=0.3)
+    leave_bottom(row.orders)
+    left = row.read()[2]
     assert (left.given, left.blind, left.failsafe) == (("depth", "heading", "place"), False, "")
-    seat.orders.failsafe = "battery"
-    leave_bottom(seat.orders)
-    assert seat.orders.failsafe == "battery", "of another reason"
+    row.orders.failsafe = "battery"
+    leave_bottom(row.orders)
+    assert row.orders.failsafe == "battery", "of another reason"
 
 
-def test_what_does_not_fit_changes_nothing(seat):
-    seat.orders.place, seat.orders.depth, seat.orders.index = (1.0, 2.0, 3.0), 4.0, 5
-    kept = seat.read()
+def test_what_does_not_fit_changes_nothing(row):
+    row.orders.place, row.orders.depth, row.orders.index = (1.0, 2.0, 3.0), 4.0, 5
+    kept = row.read()
     for name, value in (
         ("place", (1.0, 2.0)),
         ("place", 7.0),
@@ -211,15 +211,15 @@ def test_what_does_not_fit_changes_nothing(seat):
         ("mode", "none"),
     ):
         with pytest.raises((TypeError, ValueError)):
-            setattr(seat.orders, name, value)
-        assert seat.read() == kept
-    seat.orders.place, seat.orders.depth, seat.orders.index, seat.orders.armed = (
+            setattr(row.orders, name, value)
+        assert row.read() == kept
+    row.orders.place, row.orders.depth, row.orders.index, row.orders.armed = (
         np.arange(3.0),
         np.float64(6.0),
         np.int64(7),
         np.True_,
     )
-    assert (seat.orders.place, seat.orders.depth, seat.orders.index, seat.orders.armed) == (
+    assert (row.orders.place, row.orders.depth, row.orders.index, row.orders.armed) == (
         (0.0, 1.0, 2.0),
         6.0,
         7,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from uwserver.autopilot.allocation import wrench_allocation
-from uwserver.autopilot.bank import Bank, Seat
+from uwserver.autopilot.bank import AutopilotRow, Bank
 from uwserver.autopilot.estimator import STUBBORN, place_at
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.modes import known
@@ -66,11 +66,11 @@ ONES = (1.0,) * 6
 NO_BODIES = Hydrodynamics((), 1.0 / RATE)
 
 
-def seat(place=None, **sensors):
+def row(place=None, **sensors):
     """An autopilot alone, disarmed."""
     inputs = SensorInputs({f"rov/{name}": sensor for name, sensor in sensors.items()}, place or Surroundings())
     dynamics, allocation = Dynamics(ONES, ONES, ONES, ONES), wrench_allocation(ONES)
-    return Seat(
+    return AutopilotRow(
         VehicleSpec(
             path="rov/autopilot", inputs=inputs, allocation=allocation, dynamics=dynamics, held=(), shares=(), names=("x",) * 6, blocked=(),
             gains=GAINS, divisor=1, dt=1.0 / RATE,
@@ -82,19 +82,19 @@ class Bench:
     """An estimator with a clock of its own."""
 
     def __init__(self, place=None, **sensors):
-        self.seat, self.sensors = seat(place, **sensors), sensors
-        self.e = self.seat.estimate
+        self.row, self.sensors = row(place, **sensors), sensors
+        self.e = self.row.estimate
         self.t_ns = 0
 
     def hear(self, name, *value, late_s=0.0):
         missing = (None,) * (len(self.sensors[name].fields) - len(value))
-        self.seat.hear(f"rov/{name}", value + missing, self.t_ns - round(late_s * 1e9), self.t_ns)
+        self.row.hear(f"rov/{name}", value + missing, self.t_ns - round(late_s * 1e9), self.t_ns)
 
     def run(self, seconds, **every_step):
         for _ in range(round(seconds * RATE)):
             for name, value in every_step.items():
                 self.hear(name, *value)
-            assert not self.seat.bank.step(NO_BODIES.table, 0, self.t_ns)
+            assert not self.row.bank.step(NO_BODIES.table, 0, self.t_ns)
             self.t_ns += round(1e9 / RATE)
 
     @property
@@ -328,7 +328,7 @@ def told_of(*samples):
 
 def test_each_sample_goes_to_who_hears_it_and_an_invalid_one_tells_nothing():
     """Two vehicles in one bank; streams 3 and 1 are their depths, 0 is nobody's."""
-    first, second = seat(depth=sensor("pressure")), seat(Surroundings(start=(0.0, 0.0, 4.0)), depth=sensor("pressure"))
+    first, second = row(depth=sensor("pressure")), row(Surroundings(start=(0.0, 0.0, 4.0)), depth=sensor("pressure"))
     second.spec.inputs.ports = ("other/depth",)
     bank = Bank()
     bank.gather([first, second], {"rov/depth": 3, "other/depth": 1}, 4)
@@ -343,14 +343,14 @@ def test_each_sample_goes_to_who_hears_it_and_an_invalid_one_tells_nothing():
 
 
 def test_several_may_hear_one_stream():
-    seats = [seat(Surroundings(start=(0.0, 0.0, z)), depth=sensor("pressure")) for z in (0.0, 4.0, 8.0)]
+    rows = [row(Surroundings(start=(0.0, 0.0, z)), depth=sensor("pressure")) for z in (0.0, 4.0, 8.0)]
     bank = Bank()
-    bank.gather(seats, {"rov/depth": 1}, 2)
+    bank.gather(rows, {"rov/depth": 1}, 2)
     straight(bank.entries.hear_all)(bank.table, told_of((1, 5, 1)), np.array([[2.0, 8.0]]), 1, 10)
-    assert [each.estimate.depth_ns for each in seats] == [5, 5, 5]
-    bank.gather(seats[1:], {"rov/depth": 0}, 2)
+    assert [each.estimate.depth_ns for each in rows] == [5, 5, 5]
+    bank.gather(rows[1:], {"rov/depth": 0}, 2)
     straight(bank.entries.hear_all)(bank.table, told_of((0, 6, 1)), np.array([[2.0, 8.0]]), 1, 10)
-    assert [each.estimate.depth_ns for each in seats] == [5, 6, 6]
+    assert [each.estimate.depth_ns for each in rows] == [5, 6, 6]
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1e12])
@@ -359,7 +359,7 @@ def test_a_sample_that_no_sensor_gives_tells_nothing(value):
         ahrs=sensor("attitude"), imu=sensor("imu"), depth=sensor("pressure"), dvl=sensor("dvl"), mocap=sensor("motion_capture"),
         lbl=sensor("lbl"), battery=sensor("battery"), place=Surroundings(beacons={"b": (20.0, 0.0, 5.0)}),
     )  # fmt: skip
-    before = bench.seat.read()
+    before = bench.row.read()
     bench.hear("ahrs", (value, 0.0, 0.0, 0.0), 0.0)
     bench.hear("imu", (value, 0.0, 0.0), (0.0,) * 3, 10.0)
     bench.hear("imu", (0.0, 0.0, -G), (value, 0.0, 0.0), 10.0)
@@ -368,7 +368,7 @@ def test_a_sample_that_no_sensor_gives_tells_nothing(value):
     bench.hear("mocap", (value, 0.0, 0.0), quat_from_rpy(0, 0, 0))
     bench.hear("lbl", "b", None, 0.1)
     bench.hear("battery", 14.0, 2.0, 28.0, 0.0, None)
-    assert repr(bench.seat.read()) == repr(before)
+    assert repr(bench.row.read()) == repr(before)
 
 
 def test_a_motion_that_nothing_tells_of_dies_away():

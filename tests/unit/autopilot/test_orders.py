@@ -573,7 +573,7 @@ def test_the_state_is_written_from_estimate_memory_and_orders(fly):
     pilot = f.world.parts["v/autopilot"].pilot
     valid, values = slot.sensor.measure(None)
     told = dict(zip([field.name for field in slot.fields], values, strict=True))
-    e, m, o = pilot.seat.read()
+    e, m, o = pilot.row.read()
     assert valid
     assert (told["mode"], told["armed"], told["failsafe"], told["outputs"]) == ("mission", True, "", m.outputs)
     assert (told["p_N"], told["v_N"], told["q_NB"], told["w_B"], told["tau"]) == (e.p, e.v, e.q, e.w, m.tau)

@@ -96,12 +96,12 @@ def test_a_switched_off_actuator_gets_no_commands(flown: World) -> None:
 
 def test_its_state_stays_as_it_was_and_it_goes_on_from_there(flown: World) -> None:
     part = pilot_of(flown)
-    seat = part.pilot.seat
+    row = part.pilot.row
     flown.call("rov/autopilot/set_gain", name="depth_p", value=0.7)
     flown.call("rov/autopilot/set_mission", items=[{"kind": "hold", "time_s": 5}])
     flown.command("rov/autopilot/test", outputs=[0.25] * 8)
     flown.step(8)
-    kept, before = part.save(), seat.read()
+    kept, before = part.save(), row.read()
     assert (before[2].gains.depth_p, len(before[2].items), before[2].test) == (0.7, 1, (0.25,) * 8)
     assert before[1].outputs == (0.25,) * 8
     part.load(kept)
@@ -110,16 +110,16 @@ def test_its_state_stays_as_it_was_and_it_goes_on_from_there(flown: World) -> No
     flown.call("rov/autopilot/set_mission", items=[])
     flown.step(50)
     assert not part.pilot.orders.armed
-    assert seat.records(kept.pilot) == before
+    assert row.records(kept.pilot) == before
     assert flown.actuators["rov/thrusters"].refusal == ""
     part.check(kept)
     part.load(kept)
-    assert seat.read() == before
+    assert row.read() == before
     assert part.save() == kept
     assert part.pilot.orders.armed
     assert "held by the autopilot" in flown.actuators["rov/thrusters"].refusal
     part.pilot.disarm()
-    assert seat.records(kept.pilot)[2].armed
+    assert row.records(kept.pilot)[2].armed
 
 
 @pytest.mark.parametrize(
