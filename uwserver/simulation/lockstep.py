@@ -31,7 +31,7 @@ slowed a single vehicle twice as much; with 50, the loop works a tenth less than
 
 
 @dataclass(eq=False)
-class Seat:
+class DriverClient:
     """A driver and its client.
 
     Attributes:
@@ -80,8 +80,8 @@ class Lockstep:
         self._say = say
         self._pause = pause
         # Replaced, never changed in place, as both threads add and remove drivers.
-        self._seats: dict[str, Seat] = {}
-        self._seats_lock = threading.Lock()
+        self._drivers: dict[str, DriverClient] = {}
+        self._drivers_lock = threading.Lock()
         self._waiting_since: int | None = None
         self._reported_lost: list[str] = []
         self._last_wake_ns = 0
@@ -97,20 +97,20 @@ class Lockstep:
         if client not in self.barrier.clients or self._timing.mode != "lockstep":
             names = f'mode = "lockstep" and lockstep_clients = ["{client}"]'
             raise Refused("denied", f'"{client}" sets the pace of the world: give [world.clock] {names}', client)
-        seat = Seat(client, source, driver, on_reply, self._bus.ports)
-        with self._seats_lock:
-            if client in self._seats:
+        entry = DriverClient(client, source, driver, on_reply, self._bus.ports)
+        with self._drivers_lock:
+            if client in self._drivers:
                 raise Refused("busy", f'the world has a driver "{client}" already', client)
             self.barrier.join(client)
-            self._seats = {**self._seats, client: seat}
-        return lambda: self._leave(seat)
+            self._drivers = {**self._drivers, client: entry}
+        return lambda: self._leave(entry)
 
-    def _leave(self, seat: Seat) -> None:
-        with self._seats_lock:
-            if self._seats.get(seat.client) is seat:
-                self._seats = {name: other for name, other in self._seats.items() if other is not seat}
-                self.barrier.leave(seat.client)
-        with seat.held:  # The simulation thread may be in a last call of the driver; wait for its end.
+    def _leave(self, entry: DriverClient) -> None:
+        with self._drivers_lock:
+            if self._drivers.get(entry.client) is entry:
+                self._drivers = {name: other for name, other in self._drivers.items() if other is not entry}
+                self.barrier.leave(entry.client)
+        with entry.held:  # The simulation thread may be in a last call of the driver; wait for its end.
             pass
 
     # -- the tick -------------------------------------------------------------------------------------------------------------------
@@ -118,76 +118,76 @@ class Lockstep:
     @property
     def asks(self) -> bool:
         """Whether there are drivers. Waiting for them is then the only sleep that is needed."""
-        return bool(self._seats)
+        return bool(self._drivers)
 
     def orders(self, tick: int, ports: Mapping[str, Port]) -> Iterator[Command]:
         """Wait a moment for each driver that has not yet granted `tick`. Yields the commands that come with their grants."""
-        for seat in self._seats.values():
-            if tick >= self.barrier.granted(seat.client):
-                order = self._order(seat)
+        for entry in self._drivers.values():
+            if tick >= self.barrier.granted(entry.client):
+                order = self._order(entry)
                 if order is not None:
-                    seat.answer_at = self.barrier.grant(seat.client, order.ticks, tick)
-                    yield from self._commands(seat, order, ports)
+                    entry.answer_at = self.barrier.grant(entry.client, order.ticks, tick)
+                    yield from self._commands(entry, order, ports)
 
-    def _order(self, seat: Seat) -> Order | None:
-        if self.barrier.is_excused(seat.client):
-            return self._call(seat, lambda driver: driver.order(0.0))
-        order = self._call(seat, lambda driver: driver.order(GLANCE_S))
+    def _order(self, entry: DriverClient) -> Order | None:
+        if self.barrier.is_excused(entry.client):
+            return self._call(entry, lambda driver: driver.order(0.0))
+        order = self._call(entry, lambda driver: driver.order(GLANCE_S))
         if order is None:
             self._bus.flush()
-            order = self._call(seat, lambda driver: driver.order(LOOK_S))
+            order = self._call(entry, lambda driver: driver.order(LOOK_S))
         return order
 
     def wakes(self) -> bool:
         """Return whether the samples of this tick wake the loop. Otherwise they wait for later ones, or for `Bus.flush`."""
-        if not self._seats and self._timing.mode != "freerun":
+        if not self._drivers and self._timing.mode != "freerun":
             return True
         now = self._time.now_ns()
-        if now - self._last_wake_ns < (GLANCE_S if self._seats else GATHER_S) * NANOSECONDS:
+        if now - self._last_wake_ns < (GLANCE_S if self._drivers else GATHER_S) * NANOSECONDS:
             return False
         self._last_wake_ns = now
         return True
 
-    def _commands(self, seat: Seat, order: Order, ports: Mapping[str, Port]) -> Iterator[Command]:
+    def _commands(self, entry: DriverClient, order: Order, ports: Mapping[str, Port]) -> Iterator[Command]:
         for path, value in order.commands:
             try:
                 find("port", path, ports)
-                yield Command(path, checked_command(ports[path], value), seat.source)
+                yield Command(path, checked_command(ports[path], value), entry.source)
             except Refused as refused:
                 fault = refused.fault
-                self._call(seat, lambda driver: driver.refuse(fault))  # noqa: B023  # called at once
+                self._call(entry, lambda driver: driver.refuse(fault))  # noqa: B023  # called at once
 
     def ticked(self, output: TickOutput) -> None:
         """Show a tick to the drivers, and let drivers answer whose order ends with it."""
-        for seat in self._seats.values():
-            samples = _readable(output, seat)
-            self._call(seat, lambda driver: driver.see(output.t_ns, samples))  # noqa: B023  # called at once
-            if seat.answer_at is not None and output.tick >= seat.answer_at:
-                self._answer(seat, output.t_ns)
+        for entry in self._drivers.values():
+            samples = _readable(output, entry)
+            self._call(entry, lambda driver: driver.see(output.t_ns, samples))  # noqa: B023  # called at once
+            if entry.answer_at is not None and output.tick >= entry.answer_at:
+                self._answer(entry, output.t_ns)
 
-    def _answer(self, seat: Seat, t_ns: int) -> None:
-        seat.answer_at = None
-        self._call(seat, lambda driver: driver.answer(t_ns))
+    def _answer(self, entry: DriverClient, t_ns: int) -> None:
+        entry.answer_at = None
+        self._call(entry, lambda driver: driver.answer(t_ns))
 
-    def _call(self, seat: Seat, work: Callable[[Driver], T]) -> T | None:
-        with seat.held:
-            if self._seats.get(seat.client) is not seat:
+    def _call(self, entry: DriverClient, work: Callable[[Driver], T]) -> T | None:
+        with entry.held:
+            if self._drivers.get(entry.client) is not entry:
                 return None
             try:
-                return work(seat.driver)
+                return work(entry.driver)
             except Exception as error:  # A fault of a driver must not end the simulation.
-                log.exception('the driver "%s" failed', seat.client)
+                log.exception('the driver "%s" failed', entry.client)
                 text = f"{type(error).__name__}: {error}"
-        self._leave(seat)
-        self._bus.reply(seat.on_reply, Reply(0, 0, fault=Refused("internal", text, seat.client).fault))
+        self._leave(entry)
+        self._bus.reply(entry.on_reply, Reply(0, 0, fault=Refused("internal", text, entry.client).fault))
         return None
 
     def restart(self, tick: int, t_ns: int) -> None:
         """Drop all grants and orders beyond `tick`, as the world was put to another time."""
         self.barrier.restart(tick)
-        for seat in self._seats.values():
-            if seat.answer_at is not None:
-                self._answer(seat, t_ns)
+        for entry in self._drivers.values():
+            if entry.answer_at is not None:
+                self._answer(entry, t_ns)
 
     # -- loss -----------------------------------------------------------------------------------------------------------------------
 
@@ -223,11 +223,11 @@ class Lockstep:
             self._say("paused", f"lockstep waits for {', '.join(missing)}")
 
 
-def _readable(output: TickOutput, seat: Seat) -> list[Sample]:
+def _readable(output: TickOutput, entry: DriverClient) -> list[Sample]:
     """Return the samples that a driver can read: those of ports whose fields have not changed since it began."""
-    if output.ports is None or output.ports is seat.ports:
+    if output.ports is None or output.ports is entry.ports:
         return output.samples
-    if seat.ports is None:
-        seat.ports = output.ports
-    ports = seat.ports
+    if entry.ports is None:
+        entry.ports = output.ports
+    ports = entry.ports
     return [sample for sample in output.samples if has_same_fields(sample.port, ports, output.ports)]

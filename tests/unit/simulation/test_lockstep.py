@@ -70,14 +70,14 @@ def test_samples_of_a_world_that_nobody_paces_wake_the_loop_fifty_times_a_second
         assert woken == wakes
 
 
-def seat(rig: Rig, hand: Hand, client: str = "a", replies: queue.Queue | None = None):
+def drive(rig: Rig, hand: Hand, client: str = "a", replies: queue.Queue | None = None):
     return rig.simulation.lockstep.drive(client, f"sil:{client}", hand, (replies or queue.Queue()).put)
 
 
 def test_an_order_is_so_many_ticks_and_its_command_acts_in_the_first(resolved):
     with running(resolved, LOCKED) as rig:
         hand = Hand()
-        end = seat(rig, hand)
+        end = drive(rig, hand)
         assert hand.step() == rig.world.ticks.time_of(1)
         assert hand.step(5, ("rov/thrusters", {"u": [0.5] * 8})) == rig.world.ticks.time_of(6)
         assert rig.world.tick == 6
@@ -92,7 +92,7 @@ def test_a_driver_goes_without_what_it_cannot_read(resolved):
     """Another body may have come under the name of the one that it found when it began, with other fields."""
     with running(resolved, LOCKED) as rig:
         hand = Hand()
-        end = seat(rig, hand)
+        end = drive(rig, hand)
         hand.step(24)
         assert "rov/imu" in hand.ports
         ports = rig.world.ports
@@ -109,7 +109,7 @@ def test_a_driver_goes_without_what_it_cannot_read(resolved):
 def test_others_get_every_sample_and_their_calls_are_answered(resolved):
     with running(resolved, LOCKED) as rig:
         hand = Hand()
-        end = seat(rig, hand)
+        end = drive(rig, hand)
         assert rig.post(Call("world/state_hash", {})).result["tick"] == 0, "while it waits for the driver"
         for _ in range(50):
             hand.step()
@@ -139,7 +139,7 @@ def test_the_recorder_sees_what_a_driver_commands(resolved):
     rig.start()
     try:
         hand = Hand()
-        seat(rig, hand)
+        drive(rig, hand)
         hand.step(3)
         hand.step(1, ("rov/thrusters", {"u": [0.25] * 8}))
     finally:
@@ -150,7 +150,7 @@ def test_the_recorder_sees_what_a_driver_commands(resolved):
 def test_a_bad_command_is_refused_and_the_tick_is_done(resolved):
     with running(resolved, LOCKED) as rig:
         hand = Hand()
-        seat(rig, hand)
+        drive(rig, hand)
         for command, code in (
             (("rov/thrusters", {"u": [2.0] * 8}), "out_of_range"),
             (("rov/thrusters", {"u": [float("nan")] * 8}), "not_finite"),
@@ -166,8 +166,8 @@ def test_a_driver_waits_with_the_other_clients(resolved):
     timing = Timing(mode="lockstep", lockstep_clients=("a", "b", "c"), lockstep_timeout_s=0.0)
     with running(resolved, timing) as rig:
         first, second = Hand(), Hand()
-        seat(rig, first)
-        seat(rig, second, "b")
+        drive(rig, first)
+        drive(rig, second, "b")
         answers, _ = rig.begin("world/step", client="c", n=2)
         first.orders.put(Order(2, ()))
         assert rig.world.tick == 0
@@ -186,7 +186,7 @@ def test_a_driver_waits_with_the_other_clients(resolved):
 def test_a_driver_that_is_let_go_is_not_called_any_more(resolved):
     with running(resolved, LOCKED) as rig:
         hand = Hand()
-        end = seat(rig, hand)
+        end = drive(rig, hand)
         hand.step()
         end()
         hand.raises = AssertionError("called after its end")
@@ -194,7 +194,7 @@ def test_a_driver_that_is_let_go_is_not_called_any_more(resolved):
         assert rig.post(Call("world/state_hash", {})).result["tick"] == 1
         assert rig.simulation.lockstep.barrier.absent() == ["a"]
         other = Hand()
-        seat(rig, other)
+        drive(rig, other)
         other.step()
         assert not rig.simulation.failure
 
@@ -211,7 +211,7 @@ def test_who_lets_a_driver_go_waits_until_it_is_called_no_more():
             return None
 
     leave = lockstep.drive("a", "sil:a", Busy(), print)
-    lockstep._seats["a"].held = door
+    lockstep._drivers["a"].held = door
     simulation = threading.Thread(target=lambda: list(lockstep.orders(1, {})))
     simulation.start()
     assert inside.wait(PATIENCE_S)
@@ -225,7 +225,7 @@ def test_who_lets_a_driver_go_waits_until_it_is_called_no_more():
 def test_a_driver_that_fails_is_told_and_the_world_waits(resolved):
     with running(resolved, LOCKED) as rig:
         hand, replies = Hand(), queue.Queue()
-        seat(rig, hand, replies=replies)
+        drive(rig, hand, replies=replies)
         hand.step()
         hand.raises = ValueError("no")
         reply = replies.get(timeout=PATIENCE_S)
@@ -238,20 +238,20 @@ def test_a_driver_that_fails_is_told_and_the_world_waits(resolved):
 
 def test_who_may_drive(resolved):
     with running(resolved, LOCKED) as rig:
-        seat(rig, Hand())
+        drive(rig, Hand())
         with pytest.raises(Refused, match="a driver"):
-            seat(rig, Hand())
+            drive(rig, Hand())
         with pytest.raises(Refused, match='lockstep_clients = \\["b"\\]'):
-            seat(rig, Hand(), "b")
+            drive(rig, Hand(), "b")
     with running(resolved, Timing(mode="realtime", lockstep_clients=("a",))) as rig:
         with pytest.raises(Refused, match='mode = "lockstep"'):
-            seat(rig, Hand())
+            drive(rig, Hand())
 
 
 def test_a_reset_answers_what_was_ordered(resolved):
     with running(resolved, LOCKED) as rig:
         hand = Hand()
-        seat(rig, hand)
+        drive(rig, hand)
         hand.step(10)
         assert rig.post(Call("world/reset", {})).fault is None
         assert hand.step() == rig.world.ticks.time_of(1)
@@ -265,7 +265,7 @@ def test_a_reset_answers_what_was_ordered(resolved):
 def test_a_paused_world_asks_no_driver_and_goes_on_after_it(resolved):
     with running(resolved, LOCKED) as rig:
         hand = Hand()
-        seat(rig, hand)
+        drive(rig, hand)
         hand.step()
         rig.call("world/pause")
         hand.orders.put(Order(1, ()))
@@ -282,7 +282,7 @@ def test_the_world_goes_on_without_a_lost_driver_and_takes_it_back(resolved):
     timing = Timing(mode="lockstep", lockstep_clients=("a",), lockstep_timeout_s=0.05, on_loss="continue")
     with running(resolved, timing) as rig:
         hand = Hand()
-        seat(rig, hand)
+        drive(rig, hand)
         hand.step()
         rig.event("resumed")
         while len(hand.seen) < 100:  # ticks that nobody ordered
@@ -298,7 +298,7 @@ def test_lockstep_can_hold_real_time(resolved):
     assert Timing(mode="realtime", speed=3.0).pace == 3.0
     with running(resolved, timing) as rig:
         hand = Hand()
-        seat(rig, hand)
+        drive(rig, hand)
         hand.step(10)
         assert sum(rig.simulation.lateness.counts) == 10, "each tick had a deadline"
         assert rig.call("world/set_speed", speed=2000.0).fault is None
