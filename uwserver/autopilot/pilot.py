@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import cast
 
 from uwserver.autopilot import route
-from uwserver.autopilot.bank import AutopilotRow
+from uwserver.autopilot.arrays import AutopilotRow
 from uwserver.autopilot.flight import ARRIVED, BEGIN, CONTROL, DONE, FAILSAFE, NOTHING, PROGRESS, READY, STEER, WATCH
 from uwserver.autopilot.mission import Item, Waypoint
 from uwserver.autopilot.modes import FOLLOWS, REMEDY, Known, known, missing, refuge

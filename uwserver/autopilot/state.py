@@ -174,7 +174,8 @@ class Orders(Struct):
 
 
 class Remembered(Struct, frozen=True):
-    """The saved state of an autopilot, as the bytes of its rows: they are copied in a microsecond. `bank.AutopilotRow.records` makes records of them.
+    """The saved state of an autopilot, as the bytes of its rows: they are copied in a microsecond. `arrays.AutopilotRow.records` makes
+    records of them.
 
     Attributes:
         row: `rows.REMEMBERED`.

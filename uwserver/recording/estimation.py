@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
-from uwserver.autopilot.bank import AutopilotRow
+from uwserver.autopilot.arrays import AutopilotRow
 from uwserver.autopilot.status import StateSensor
 from uwserver.frames import rotate
 from uwserver.ports import Call, Event, Field, Port, Refused, Sample
@@ -282,7 +282,7 @@ class _Estimation:
             self._tick = end - 1 if end > _LATE_S * self._world.rate_hz else 0
         for tick in range(self._tick, end):
             now_ns = self._world.ticks.time_of(tick)
-            self._row.bank.step(self._world.hydro.table, tick, now_ns)
+            self._row.arrays.step(self._world.hydro.table, tick, now_ns)
         self._tick = max(self._tick, end)
 
     def _compare(self, message: _SampleMessage) -> None:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-from uwserver.autopilot.bank import AutopilotRow, Bank
+from uwserver.autopilot.arrays import AutopilotArrays, AutopilotRow
 from uwserver.autopilot.pilot import Autopilot
 from uwserver.autopilot.state import Remembered
 from uwserver.autopilot.vehicle_spec import Held
@@ -73,7 +73,7 @@ class Pilots(Stateless):
 
     def __init__(self, hydro: Hydrodynamics) -> None:
         self._hydro = hydro
-        self._bank: Bank | None = None
+        self._arrays: AutopilotArrays | None = None
         self._pilots: dict[int, Autopilot] = {}
         self._streams: Mapping[str, int] = {}
         self._divisors: tuple[int, ...] = ()
@@ -97,22 +97,22 @@ class Pilots(Stateless):
         self._pilots = dict(enumerate(pilots))
         self._switches = [_Switch(slot, pilot.row) for pilot in pilots for slot in pilot.spec.held]
         self._active = []
-        if pilots and self._bank is None:
+        if pilots and self._arrays is None:
             banks.load("autopilots")
-            self._bank = Bank()
-        if self._bank is not None:
-            self._bank.gather([pilot.row for pilot in pilots], streams, max(streams.values(), default=-1) + 1)
+            self._arrays = AutopilotArrays()
+        if self._arrays is not None:
+            self._arrays.gather([pilot.row for pilot in pilots], streams, max(streams.values(), default=-1) + 1)
 
     def attend(self, t_ns: int) -> None:
         """Do the Python work of the autopilots that have just stepped."""
-        assert self._bank is not None
-        for k, need in self._bank.needs():
+        assert self._arrays is not None
+        for k, need in self._arrays.needs():
             self._pilots[k].attend(need, self._hydro.table, t_ns)
 
     @property
-    def bank(self) -> Bank | None:
+    def arrays(self) -> AutopilotArrays | None:
         """The rows of the autopilots; None if there are no autopilots."""
-        return self._bank if self._pilots else None
+        return self._arrays if self._pilots else None
 
     @property
     def every(self) -> int:

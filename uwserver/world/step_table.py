@@ -101,9 +101,9 @@ class StepTable:
 
     def _dependencies(self) -> tuple[object, ...]:
         """Return the objects on which the table depends."""
-        bank, instruments, hydro, solids = self.pilots.bank, self.instruments, self.hydro, self.instruments.solids
+        autopilots, instruments, hydro, solids = self.pilots.arrays, self.instruments, self.hydro, self.instruments.solids
         return (
-            hydro.table, instruments.now, instruments.heads.rows, self.sensing.groups, None if bank is None else bank.table,
+            hydro.table, instruments.now, instruments.heads.rows, self.sensing.groups, None if autopilots is None else autopilots.table,
             hydro.collider, hydro.touching, hydro.contact_nu_dot, self.finding(), solids, self._met(solids),
         )  # fmt: skip
 
@@ -119,13 +119,13 @@ class StepTable:
     def _tabulate(self) -> None:
         from uwserver.step import delivery
 
-        hydro, instruments, bank = self.hydro, self.instruments, self.pilots.bank
+        hydro, instruments, autopilots = self.hydro, self.instruments, self.pilots.arrays
         met = self._met(instruments.solids)
         self.timetable = made = timetable_of(self.sensing.groups, instruments)
         instruments.follow_contacts()
         self._kept = self._dependencies()
         self._ids = tuple(map(id, self._kept))
-        step, hear, tell = (0, 0, 0) if bank is None else bank.codes()
+        step, hear, tell = (0, 0, 0) if autopilots is None else autopilots.codes()
         sea = self.water.sea
         no_drifts, no_intervals = np.zeros((0, 2, 3)), np.zeros(0, np.int64)
         drifts, intervals = (no_drifts, no_intervals) if sea is None else (sea.ends, sea.intervals)
@@ -140,7 +140,7 @@ class StepTable:
         )  # fmt: skip
         self.rows = made.rows | {
             "course": course, "run": self.run.view(rows.RUN), "ends": self.ends, "solids": solids, "world": hydro.table,
-            "now": instruments.now, "pilots": _NO_TABLE if bank is None else bank.table, "shapes": finding.table, "touching": hydro.touching.table,
+            "now": instruments.now, "pilots": _NO_TABLE if autopilots is None else autopilots.table, "shapes": finding.table, "touching": hydro.touching.table,
             **dict(zip(_FOUND, finding[5:], strict=True)), "contact_nu_dot": hydro.contact_nu_dot,
             "drifts": drifts, "intervals": intervals, "state": hydro.state, "nu_dot": instruments.nu_dot, "tau": instruments.tau,
         }  # fmt: skip

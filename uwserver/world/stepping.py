@@ -135,7 +135,7 @@ class Stepping:
         run, self._samples, self._first = self.given.run, samples, self._instruments.logged
         run[: _ASKED.start] = 0  # 0 in `stage` is BEGIN
         run[_TICK] = tick
-        if self._pilots.bank is not None:
+        if self._pilots.arrays is not None:
             self._pilots.follow_switches()
         is_one = self.given.stands_at(tick)
         self.given.settle()

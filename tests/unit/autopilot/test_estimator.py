@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from uwserver.autopilot.allocation import wrench_allocation
-from uwserver.autopilot.bank import AutopilotRow, Bank
+from uwserver.autopilot.arrays import AutopilotArrays, AutopilotRow
 from uwserver.autopilot.estimator import STUBBORN, place_at
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.modes import known
@@ -94,7 +94,7 @@ class Bench:
         for _ in range(round(seconds * RATE)):
             for name, value in every_step.items():
                 self.hear(name, *value)
-            assert not self.row.bank.step(NO_BODIES.table, 0, self.t_ns)
+            assert not self.row.arrays.step(NO_BODIES.table, 0, self.t_ns)
             self.t_ns += round(1e9 / RATE)
 
     @property
@@ -327,29 +327,29 @@ def told_of(*samples):
 
 
 def test_each_sample_goes_to_who_hears_it_and_an_invalid_one_tells_nothing():
-    """Two vehicles in one bank; streams 3 and 1 are their depths, 0 is nobody's."""
+    """Two vehicles in the same arrays; streams 3 and 1 are their depths, 0 is nobody's."""
     first, second = row(depth=sensor("pressure")), row(Surroundings(start=(0.0, 0.0, 4.0)), depth=sensor("pressure"))
     second.spec.inputs.ports = ("other/depth",)
-    bank = Bank()
-    bank.gather([first, second], {"rov/depth": 3, "other/depth": 1}, 4)
+    arrays = AutopilotArrays()
+    arrays.gather([first, second], {"rov/depth": 3, "other/depth": 1}, 4)
     assert second.estimate.p == (0.0, 0.0, 4.0)
     told = told_of((3, 5, 1), (1, 6, 0), (0, 7, 1))
-    straight(bank.entries.hear_all)(bank.table, told, np.array([[2.0, 8.0], [9.0, 8.0], [9.0, 8.0]]), 3, 10)
+    straight(arrays.entries.hear_all)(arrays.table, told, np.array([[2.0, 8.0], [9.0, 8.0], [9.0, 8.0]]), 3, 10)
     assert first.estimate.p[2] == pytest.approx(2.0, abs=1e-3)
     assert (first.estimate.depth_ns, second.estimate.p, second.estimate.depth_ns) == (5, (0.0, 0.0, 4.0), NEVER)
     told["valid"] = 1
-    straight(bank.entries.hear_all)(bank.table, told, np.array([[2.0, 8.0], [9.0, 8.0], [9.0, 8.0]]), 2, 10)
+    straight(arrays.entries.hear_all)(arrays.table, told, np.array([[2.0, 8.0], [9.0, 8.0], [9.0, 8.0]]), 2, 10)
     assert second.estimate.depth_ns == 6
 
 
 def test_several_may_hear_one_stream():
     rows = [row(Surroundings(start=(0.0, 0.0, z)), depth=sensor("pressure")) for z in (0.0, 4.0, 8.0)]
-    bank = Bank()
-    bank.gather(rows, {"rov/depth": 1}, 2)
-    straight(bank.entries.hear_all)(bank.table, told_of((1, 5, 1)), np.array([[2.0, 8.0]]), 1, 10)
+    arrays = AutopilotArrays()
+    arrays.gather(rows, {"rov/depth": 1}, 2)
+    straight(arrays.entries.hear_all)(arrays.table, told_of((1, 5, 1)), np.array([[2.0, 8.0]]), 1, 10)
     assert [each.estimate.depth_ns for each in rows] == [5, 5, 5]
-    bank.gather(rows[1:], {"rov/depth": 0}, 2)
-    straight(bank.entries.hear_all)(bank.table, told_of((0, 6, 1)), np.array([[2.0, 8.0]]), 1, 10)
+    arrays.gather(rows[1:], {"rov/depth": 0}, 2)
+    straight(arrays.entries.hear_all)(arrays.table, told_of((0, 6, 1)), np.array([[2.0, 8.0]]), 1, 10)
     assert [each.estimate.depth_ns for each in rows] == [5, 6, 6]
 
 

@@ -277,8 +277,8 @@ def test_sensors_without_an_autopilot_that_come_and_go_are_heard_by_nobody() -> 
         world.call("world/spawn", name="mute", like="mute", p_NB=[0.0, 20.0, 9.0])
         world.step(120)
         pilots, numbers = world._pilots, world.sensing.numbers
-        assert pilots._bank is not None
-        heard = {port for port, k in numbers.items() if pilots._bank._kept["ears"][k] >= 0}
+        assert pilots._arrays is not None
+        heard = {port for port, k in numbers.items() if pilots._arrays._kept["ears"][k] >= 0}
         assert heard == set(pilots.ports)
         newest = world.read("mute/depth")
         assert newest is not None

@@ -1,4 +1,4 @@
-"""The rows of autopilots: those of one autopilot (`AutopilotRow`), and the arrays with the rows of all autopilots of a world (`Bank`)."""
+"""The rows of autopilots: those of one autopilot (`AutopilotRow`), and the arrays with the rows of all autopilots of a world (`AutopilotArrays`)."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from uwserver.physics.kernel.straight import address_of, straight
 
 
 class AutopilotRow:
-    """The rows of one autopilot: its own, or in the bank of a world.
+    """The rows of one autopilot: its own, or in the arrays of a world.
 
     Attributes:
         spec: its vehicle.
         estimate, memory, orders: its records, which read and write the row.
         record, devices: a PILOT, and a DEVICE for each of its devices.
-        k, first_sensor: number of its row in the bank, and of the first SENSOR of its sensors.
+        k, first_sensor: number of its row in the arrays, and of the first SENSOR of its sensors.
     """
 
     first_sensor: int
@@ -51,20 +51,20 @@ class AutopilotRow:
         self.write(spec.begin(), Memory(), Orders(gains=spec.gains, mode=spec.mode))
         self.switch()
 
-    def bind_row(self, bank: Bank | None, k: int, pilots: Any, devices: Any) -> None:
-        """Use row k and these rows of devices from now on. They already contain its values. `bank` is None outside a bank."""
-        self._bank, self.k, self.record, self.devices = bank, k, pilots[k], devices
+    def bind_row(self, arrays: AutopilotArrays | None, k: int, pilots: Any, devices: Any) -> None:
+        """Use row k and these rows of devices from now on. They already contain its values. `arrays` is None if these are rows of its own."""
+        self._arrays, self.k, self.record, self.devices = arrays, k, pilots[k], devices
         self._here = pilots[k : k + 1].view(np.uint8)[: REMEMBERED.itemsize]
         for live, name in zip(self._live, "emo", strict=True):
             live.bind_row(pilots[name][k : k + 1])
 
     @property
-    def bank(self) -> Bank:
-        """The bank of its rows; outside a world a bank of its own."""
-        if self._bank is None:
-            Bank().gather([self], {}, 0)
-        assert self._bank is not None
-        return self._bank
+    def arrays(self) -> AutopilotArrays:
+        """The arrays of its rows; outside a world arrays of its own."""
+        if self._arrays is None:
+            AutopilotArrays().gather([self], {}, 0)
+        assert self._arrays is not None
+        return self._arrays
 
     def read(self) -> tuple[Estimate, Memory, Orders]:
         """Return copies of its records."""
@@ -132,21 +132,21 @@ class AutopilotRow:
 
     def stay(self) -> None:
         """Move the set points that no command has given to where the vehicle is."""
-        self.bank.entries.stay_one(self.bank.table, self.k)
+        self.arrays.entries.stay_one(self.arrays.table, self.k)
 
     def hear(self, port: str, values: Sequence[Any], t_ns: int, now_ns: int) -> None:
         """Correct the estimate by a valid sample of one of its ports."""
         place, numbers = self.spec.inputs.numbers(port, values)
-        self.bank.entries.hear_one(self.bank.table, self.first_sensor + place, numbers, t_ns, now_ns)
+        self.arrays.entries.hear_one(self.arrays.table, self.first_sensor + place, numbers, t_ns, now_ns)
 
     def tell(self, t_ns: int, row: FloatArray) -> int:
         """Write the reading of its port `state` into a row of numbers. Returns the number of its texts (`flight.tell`)."""
-        bank = self.bank
-        return int(bank.tell_one(bank.table, self.k, t_ns, row))
+        arrays = self.arrays
+        return int(arrays.tell_one(arrays.table, self.k, t_ns, row))
 
     def go_on(self, world: IntArray, t_ns: int, stage: int) -> int:
         """Continue a step at a stage. Returns what it needs Python for (`flight`). `world` is the table of the bodies' arrays."""
-        return int(self.bank.entries.step_on(self.bank.table, world, self.k, t_ns, stage))
+        return int(self.arrays.entries.step_on(self.arrays.table, world, self.k, t_ns, stage))
 
     def switch(self) -> None:
         """Find out which actuators are switched on."""
@@ -156,7 +156,7 @@ class AutopilotRow:
             first += count
 
 
-class Bank:
+class AutopilotArrays:
     """The rows of several autopilots, one after the other.
 
     Attributes:

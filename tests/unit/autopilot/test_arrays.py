@@ -1,4 +1,4 @@
-"""Autopilots in one bank: each is what it is alone, whoever lies beside it, comes or goes; its rows read as typed records.
+"""Autopilots in the same arrays: each is what it is alone, whoever lies beside it, comes or goes; its rows read as typed records.
 
 Also of uwserver.autopilot.entries and uwserver.autopilot.records.
 """
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from uwserver.autopilot.bank import Bank
+from uwserver.autopilot.arrays import AutopilotArrays
 from uwserver.autopilot.flight import BEGIN, DONE, FAILSAFE, PROGRESS, READY
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.mission import Hold
@@ -31,7 +31,7 @@ STARTS = {
 
 
 def world_of(*names, seed=5):
-    builder = ScenarioBuilder("bank", seed=seed, rate_hz=240, adapters={})
+    builder = ScenarioBuilder("autopilots", seed=seed, rate_hz=240, adapters={})
     builder.current(velocity_ned_mps=(0.1, 0.0, 0.0))
     for name in names:
         model, start = STARTS[name]
@@ -86,7 +86,7 @@ def test_one_that_goes_takes_its_rows_and_leaves_the_others_theirs():
 
 
 def test_one_that_went_changes_and_hears_for_itself_alone():
-    """Its number in the bank is now that of another one."""
+    """Its number in the arrays is now that of another one."""
     world = flown(world_of("auv", "rov"), "auv", "rov")
     gone, other = pilot_of(world, "auv"), pilot_of(world, "rov")
     world.dismiss("auv")
@@ -101,16 +101,16 @@ def test_one_that_went_changes_and_hears_for_itself_alone():
     assert other.row.read() == kept
 
 
-def test_each_place_in_a_bank_is_found_after_others_came_and_went():
+def test_each_place_in_the_arrays_is_found_after_others_came_and_went():
     """Devices, curves, sensors and beacons lie one after the other, of vehicles with different numbers of them."""
     rows = {name: pilot_of(world_of(name), name).row for name in STARTS}
-    bank, own = Bank(), {name: row.read() for name, row in rows.items()}
+    arrays, own = AutopilotArrays(), {name: row.read() for name, row in rows.items()}
     ports = [port for row in rows.values() for port in row.spec.inputs.ports]
     streams = {port: 2 * k for k, port in enumerate(ports)}
     for names in (("rov", "auv"), ("big", "rov", "pro"), ("pro",), (), tuple(STARTS)):
-        bank.gather([rows[name] for name in names], streams, 2 * len(streams))
+        arrays.gather([rows[name] for name in names], streams, 2 * len(streams))
         assert {name: row.read() for name, row in rows.items()} == own
-        tables = bank._kept
+        tables = arrays._kept
         for name in names:
             row = rows[name]
             c, allocation, inputs = row.record["c"], row.spec.allocation, row.spec.inputs
