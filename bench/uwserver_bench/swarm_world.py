@@ -26,7 +26,7 @@ from uwserver.ports import Refused
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
-from uwserver.sensors.bank import BankSensor, kernels
+from uwserver.sensors.compiled import CompiledSensor, loops_of
 from uwserver.simulation.clock import SystemTime, processor_ns
 from uwserver.step import delivery
 from uwserver.units import NANOSECONDS
@@ -112,19 +112,19 @@ def read(task: Mapping[str, Any]) -> dict[str, object]:
     ticks(world, _TICKS)
     due = {kind: _heads(world, task["vehicles"], kind) for kind in ("inertial", "exact", "noisy")}
     sensor = world.sensors[f"{names(1)[0]}/inertial"].sensor
-    assert isinstance(sensor, BankSensor)
-    here, bank, count, now = world.instruments, sensor.bank, task["vehicles"], world.t_ns
+    assert isinstance(sensor, CompiledSensor)
+    here, kernel, count, now = world.instruments, sensor.kernel, task["vehicles"], world.t_ns
     # Time goes on, so that samples in flight arrive as in a world, although no vehicle moves.
     times = itertools.count(now, NANOSECONDS // RATE_HZ)
 
-    kernel, (*_, run) = straight(delivery.deliver), kernels(bank)
-    measured = straight(run), here.heads.rows, here.rows_of(bank).rows, here.numbers.rows, due["inertial"], here.now
+    compiled_deliver, (*_, run) = straight(delivery.deliver), loops_of(kernel)
+    measured = straight(run), here.heads.rows, here.rows_of(kernel).rows, here.numbers.rows, due["inertial"], here.now
 
     def deliver(kind: str) -> None:
         here.take_over()
         here.make_room(count)
         table, values, told_values = here.to_deliver()
-        kernel(table, due[kind], next(times), True, values, told_values)
+        compiled_deliver(table, due[kind], next(times), True, values, told_values)
 
     def sample() -> None:
         measured[0](*measured[1:], now / NANOSECONDS)

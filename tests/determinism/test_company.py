@@ -22,7 +22,7 @@ from uwserver.world import World
 TICKS = 240
 Sensors = Mapping[str, Any]
 KEPT = {"imu", "pressure", "compass", "gps", "battery", "navigation", "ctd", "dvl", "shafts", "tactical_imu", "sonar"}
-"""What stays where others go: of banks and in plain Python, with modifiers and without, and those that repeat others."""
+"""What stays where others go: in compiled code and in plain Python, with modifiers and without, and those that repeat others."""
 
 
 def backwards(sensors: Sensors) -> Sensors:
@@ -111,7 +111,7 @@ def test_other_vehicles_change_none_of_its_numbers(alone: Mapping[str, list[Samp
 
 
 def test_a_vehicle_that_goes_changes_nobody_elses_numbers() -> None:
-    """Its rows in the banks are given back."""
+    """Its rows in the arrays are given back."""
     both, left = world_of(others=("other",)), world_of(others=("other",))
     run(both, 60)
     run(left, 60)

@@ -120,7 +120,7 @@ def test_ticks_are_made_by_the_step_alone() -> None:
         what: {module.name for module in modules("uwserver") if _imports(module, f"uwserver.step.{what}")}
         for what in ("tick", "many")
     }
-    loading = {"uwserver.world.banks"}
+    loading = {"uwserver.world.kernel_stages"}
     assert importers["tick"] - loading == {"uwserver.world.stepping", "uwserver.step.many"}
     assert importers["many"] - loading == {"uwserver.copies.steps", "uwserver.copies.commands"}
     loops = [

@@ -8,8 +8,8 @@ from uwserver.autopilot.status import StateSensor
 from uwserver.ports import Refused
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import DEFAULT_ADAPTER
-from uwserver.sensors.bank import BankSensor
 from uwserver.sensors.base import IdealSensor, Sensor
+from uwserver.sensors.compiled import CompiledSensor
 from uwserver.sensors.modem import Modem
 from uwserver.world.piloting import Piloting
 from uwserver.world.sensor_slot import SensorSlot
@@ -70,7 +70,7 @@ def measured_of(world: World, sensors: Collection[str] | None) -> tuple[str, ...
 
 def draws_in_python(sensor: Sensor) -> bool:
     """Return whether a sensor draws its own random errors in Python."""
-    return not (isinstance(sensor, BankSensor | IdealSensor | StateSensor) or sensor.repeats)
+    return not (isinstance(sensor, CompiledSensor | IdealSensor | StateSensor) or sensor.repeats)
 
 
 def _acts(slot: SensorSlot, heard: Collection[str]) -> bool:

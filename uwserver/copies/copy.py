@@ -14,7 +14,7 @@ from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray
 from uwserver.physics.kernel.layout import Forms
 from uwserver.physics.kernel.team import ALONE
 from uwserver.ports import Refused
-from uwserver.sensors.bank import Bank, BankSensor
+from uwserver.sensors.compiled import CompiledSensor, SensorKernel
 from uwserver.step import rows
 from uwserver.step.rows import DONE
 from uwserver.step.streams import ENTRY
@@ -41,7 +41,7 @@ class Copy:
 
     Attributes:
         world: as `uwserver.load` gives it; its own `step` is never called.
-        banks: of its sensors.
+        kernels: of its sensors.
         params: of its bodies, as in the scenario.
     """
 
@@ -54,7 +54,7 @@ class Copy:
         world.threads.want(1)
         world.hydro.set_team(ALONE, 1)
         sensors = [slot.sensor for slot in world.sensors.values()]
-        self.banks: dict[int, Bank] = {id(s.bank): s.bank for s in sensors if isinstance(s, BankSensor)}
+        self.kernels: dict[int, SensorKernel] = {id(s.kernel): s.kernel for s in sensors if isinstance(s, CompiledSensor)}
         self._stateful = [part for part in world.parts.values() if _stateful(part)]
         self._find_arrays()
         self.params = world.hydro.params
@@ -101,7 +101,7 @@ class Copy:
         arrays += [
             pool.rows for pool in (instruments.heads, instruments.streams, instruments.operations, instruments.voices)
         ]
-        arrays += [instruments.numbers.rows, *(instruments.rows_of(bank).rows for bank in self.banks.values())]
+        arrays += [instruments.numbers.rows, *(instruments.rows_of(kernel).rows for kernel in self.kernels.values())]
         return arrays
 
     # -- the start ------------------------------------------------------------------------------------------------------------------
@@ -190,5 +190,5 @@ def _stateful(part: Part) -> bool:
     """Return whether a part has state that is not in the arrays."""
     if isinstance(part, SensorSlot):
         is_made = any(stream.is_ready_made for stream in part.streams)
-        return not isinstance(part.sensor, BankSensor) or part.is_wordy or is_made
+        return not isinstance(part.sensor, CompiledSensor) or part.is_wordy or is_made
     return part.path not in _STATELESS

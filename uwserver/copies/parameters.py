@@ -13,7 +13,7 @@ from uwserver.modifiers.noise import GAUSS_MARKOV, OUTLIER, WHITE
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.ports import Refused
 from uwserver.ports.checks import suggestion
-from uwserver.sensors.bank import BankSensor
+from uwserver.sensors.compiled import CompiledSensor
 from uwserver.units import NANOSECONDS
 from uwserver.world.sensor_slot import SensorSlot
 
@@ -135,9 +135,9 @@ def _change_bodies(copy: Copy, mass: float, added_mass: float, damping: float) -
 
 
 def _scale_errors(copy: Copy, slot: SensorSlot, factor: float) -> None:
-    """Scale the random errors of a sensor: those of its kind (`BankSensor.random`), and those of its modifiers."""
+    """Scale the random errors of a sensor: those of its kind (`CompiledSensor.random`), and those of its modifiers."""
     sensor, instruments = slot.sensor, copy.world.instruments
-    if factor == 1.0 or not isinstance(sensor, BankSensor):
+    if factor == 1.0 or not isinstance(sensor, CompiledSensor):
         return
     row = sensor.rows.rows[sensor.row]
     for path in sensor.random:

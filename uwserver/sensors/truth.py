@@ -8,9 +8,10 @@ from typing import Any
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Field
-from uwserver.sensors.bank import (
-    Bank,
-    BankSensor,
+from uwserver.sensors.base import Sensor
+from uwserver.sensors.compiled import (
+    CompiledSensor,
+    SensorKernel,
     conjugate,
     loop,
     nu_dot_at,
@@ -23,7 +24,6 @@ from uwserver.sensors.bank import (
     w_NB_B,
     water_velocity,
 )
-from uwserver.sensors.base import Sensor
 from uwserver.table import Positive, Table
 
 
@@ -68,7 +68,7 @@ def flow(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     out[0], out[1], out[2] = rotate(conjugate(q_NB(head, now)), water_velocity(now, p_NB(head, now), t))
 
 
-class _Exact(BankSensor):
+class _Exact(CompiledSensor):
     """A sensor of the truth, which is always valid."""
 
     exact = True
@@ -82,7 +82,7 @@ class TruthPose(_Exact):
         Field("p_NB", "m", "position of the body origin", "N", (3,)),
         Field("q_NB", "1", "attitude, w x y z", "NB", (4,)),
     )
-    bank = Bank(_RECORD, loop(pose))
+    kernel = SensorKernel(_RECORD, loop(pose))
 
 
 class TruthVelocity(_Exact):
@@ -93,7 +93,7 @@ class TruthVelocity(_Exact):
         Field("v_NB_B", "m/s", "surge, sway, heave velocity", "B", (3,)),
         Field("w_NB_B", "rad/s", "roll, pitch, yaw rate", "B", (3,)),
     )
-    bank = Bank(_RECORD, loop(velocity))
+    kernel = SensorKernel(_RECORD, loop(velocity))
 
 
 class TruthAcceleration(_Exact):
@@ -105,7 +105,7 @@ class TruthAcceleration(_Exact):
         Field("v_dot_B", "m/s^2", "derivative of surge, sway, heave velocity", "B", (3,)),
         Field("w_dot_B", "rad/s^2", "derivative of roll, pitch, yaw rate", "B", (3,)),
     )
-    bank = Bank(_RECORD, loop(acceleration))
+    kernel = SensorKernel(_RECORD, loop(acceleration))
 
 
 class TruthWrench(_Exact):
@@ -117,7 +117,7 @@ class TruthWrench(_Exact):
         Field("force_B", "N", "force", "B", (3,)),
         Field("torque_B", "N m", "moment about the body origin", "B", (3,)),
     )
-    bank = Bank(_RECORD, loop(wrench))
+    kernel = SensorKernel(_RECORD, loop(wrench))
 
 
 class TruthFlow(_Exact):
@@ -125,7 +125,7 @@ class TruthFlow(_Exact):
 
     doc = "Exact velocity of the undisturbed water at the body origin: current and waves."
     fields = (Field("v_NW_B", "m/s", "velocity of the water relative to N", "B", (3,)),)
-    bank = Bank(_RECORD, loop(flow))
+    kernel = SensorKernel(_RECORD, loop(flow))
 
 
 TRUTH: dict[str, Callable[[], Sensor]] = {

@@ -196,7 +196,7 @@ FORMS: Forms = {
     "contact_nu_dot": columns(np.float64, 6),
     "solids": columns(np.int64, 2),
     "drifts": columns(np.float64, 2, 3),  # of drifting currents: velocity in N at both ends of the interval, m/s
-    "origin": columns(np.float64, 3),  # of rays (`sensors.bank.reader`), reading by reading
+    "origin": columns(np.float64, 3),  # of rays (`sensors.compiled.ray_loop`), reading by reading
     "direction": columns(np.float64, 3),
     "first": columns(np.int64),
     "distance": columns(np.float64),  # of the hits of these rays

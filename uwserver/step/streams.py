@@ -6,7 +6,7 @@ import numpy as np
 
 from uwserver.modifiers.operations import OPERATION, READING
 from uwserver.physics.kernel.layout import Forms, columns
-from uwserver.sensors.bank import HEAD
+from uwserver.sensors.compiled import HEAD
 
 HELD = np.dtype(
     [

@@ -10,7 +10,7 @@ import numpy as np
 
 from uwserver.physics.kernel.arrays import IntArray
 from uwserver.sensors import Scope
-from uwserver.sensors.bank import BankSensor
+from uwserver.sensors.compiled import CompiledSensor
 from uwserver.world.instruments import Instruments
 from uwserver.world.profile import Timer, kind_of
 from uwserver.world.sensor_slot import SensorSlot
@@ -98,13 +98,13 @@ class ByHand:
         timed, instruments = self._timed, self._instruments
         texts = [slot for slot in slots if is_written(slot)]
         others = [slot for slot in slots if not is_written(slot)]
-        compiled = {slot for slot in others if isinstance(slot.sensor, BankSensor) or is_repeated(slot)}
+        compiled = {slot for slot in others if isinstance(slot.sensor, CompiledSensor) or is_repeated(slot)}
         in_python = [slot for slot in others if slot not in compiled and not slot.writes]
         wordy = [slot for slot in others if slot.is_wordy]
         ready_made = [slot for slot in others if any(stream.is_ready_made for stream in slot.streams)]
         return _Work(
             tuple((slot, timed("sensors", kind_of(slot.sensor), slot.read, 1)) for slot in in_python),
-            tuple(slot.take_loose for slot in others if slot.is_wordy and isinstance(slot.sensor, BankSensor)),
+            tuple(slot.take_loose for slot in others if slot.is_wordy and isinstance(slot.sensor, CompiledSensor)),
             self._writers(slot for slot in others if slot.writes),
             self._writers(texts),
             tuple(timed("delivery", "errors in Python", slot.disturb) for slot in ready_made),

@@ -19,7 +19,7 @@ from uwserver.physics.rays.raycast import Geometry
 from uwserver.ports.thinning import Thinning
 from uwserver.ports.told import Log
 from uwserver.sensors import Scope, surroundings
-from uwserver.sensors.bank import HEAD, Bank, load
+from uwserver.sensors.compiled import HEAD, SensorKernel, load
 from uwserver.sensors.others import Sight
 from uwserver.sensors.surroundings import place_row, water_arrays
 from uwserver.sensors.voices import VOICE
@@ -54,7 +54,7 @@ class Instruments:
     Attributes:
         now: addresses of the arrays that sensors see (`sensors.surroundings`).
         table: addresses of the arrays of the sensors themselves (`step.streams.FORMS`).
-        heads, streams, operations, numbers: of all sensors (`sensors.bank`, `step.streams`, `modifiers.operations`).
+        heads, streams, operations, numbers: of all sensors (`sensors.compiled`, `step.streams`, `modifiers.operations`).
         voices: of all sonars (`sensors.voices`).
         nu_dot, tau: (n, 6) of the bodies, made in ticks in which a sensor needs them: see `Hydrodynamics.rates_of_change`.
         next_ns: time at which the next sample in flight arrives.
@@ -78,7 +78,7 @@ class Instruments:
             Pool(HEAD), Pool(STREAM), Pool(OPERATION), Pool(np.float64),
         )  # fmt: skip
         self.voices = Pool(VOICE)
-        self._banks: dict[int, Pool] = {}
+        self._records: dict[int, Pool] = {}
         self.is_read = True
         self.roused: dict[Any, None] = {}  # slots, whose class imports this module
         self._pending, self._told = np.zeros(_SLOTS, ENTRY), np.zeros(_SLOTS, ENTRY)
@@ -91,12 +91,12 @@ class Instruments:
         self._log_room = 0
         self.gather(())
 
-    def rows_of(self, bank: Bank) -> Pool:
+    def rows_of(self, kernel: SensorKernel) -> Pool:
         """Return the pool of the records of a kind, and load its kernels."""
-        if id(bank) not in self._banks:
-            load(bank)
-            self._banks[id(bank)] = Pool(bank.record)
-        return self._banks[id(bank)]
+        if id(kernel) not in self._records:
+            load(kernel)
+            self._records[id(kernel)] = Pool(kernel.record)
+        return self._records[id(kernel)]
 
     def gather(self, wirings: Iterable[Wiring]) -> None:
         """Find all arrays again. Called after sensors or bodies were added or removed."""
@@ -136,7 +136,7 @@ class Instruments:
 
     def move(self, place: Callable[[Any], Any]) -> None:
         """Move everything that a tick writes to other memory, after the rows of the bodies: `place` returns a copy of an array there."""
-        for pool in (self.heads, *self._banks.values(), self.streams, self.operations, self.numbers, self.voices):
+        for pool in (self.heads, *self._records.values(), self.streams, self.operations, self.numbers, self.voices):
             pool.move(place)
         self._counts, self._pending, self._free = place(self._counts), place(self._pending), place(self._free)
         self._told_counts = self._counts.view(np.int64)

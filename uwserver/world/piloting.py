@@ -13,7 +13,7 @@ from uwserver.autopilot.state import Remembered
 from uwserver.autopilot.vehicle_spec import Held
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.ports import Sample
-from uwserver.world import banks
+from uwserver.world import kernel_stages
 from uwserver.world.part import Part, State, Stateless
 
 
@@ -98,7 +98,7 @@ class Pilots(Stateless):
         self._switches = [_Switch(slot, pilot.row) for pilot in pilots for slot in pilot.spec.held]
         self._active = []
         if pilots and self._arrays is None:
-            banks.load("autopilots")
+            kernel_stages.load("autopilots")
             self._arrays = AutopilotArrays()
         if self._arrays is not None:
             self._arrays.gather([pilot.row for pilot in pilots], streams, max(streams.values(), default=-1) + 1)

@@ -12,7 +12,7 @@ from uwserver.ports import Sample
 from uwserver.ports.checks import check_values
 from uwserver.ports.thinning import WHOLE, Thinned
 from uwserver.ports.told import Origin, Told
-from uwserver.sensors.bank import BankSensor
+from uwserver.sensors.compiled import CompiledSensor
 from uwserver.step.streams import ENTRY, HEARD, KEPT, LARGE, NEVER, READ, SMALL
 from uwserver.units import NANOSECONDS
 from uwserver.world.by_hand import ByHand
@@ -175,7 +175,7 @@ class Sensing(Part):
         self._listening = [slot for slot in slots if slot.active and slot.sensor.listens]
         called = [slot for slot in active if slot.sensor.listens or slot.sensor.rouses]
         self.callable = sum(len(slot.streams) for slot in called)
-        self.casts = any(slot.sensor.rays for slot in active if isinstance(slot.sensor, BankSensor))
+        self.casts = any(slot.sensor.rays for slot in active if isinstance(slot.sensor, CompiledSensor))
         self.by_hand = ByHand({slot.head: slot for slot in active}, self._instruments, self._timed)
 
     @property

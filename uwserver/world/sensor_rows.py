@@ -13,7 +13,7 @@ from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Value
 from uwserver.sensors import Sensor
 from uwserver.sensors.acoustic.cross_talk import Sonar
-from uwserver.sensors.bank import HEAD, BankSensor
+from uwserver.sensors.compiled import HEAD, CompiledSensor
 from uwserver.step.streams import HELD, STREAM
 from uwserver.world.components import SensorStream
 from uwserver.world.computing import settled
@@ -49,7 +49,7 @@ class SensorRows:
     """
 
     __slots__ = (
-        "_bank", "_count", "_first", "_held_at", "_kept", "_kept_at", "_memory_at", "_number_at", "_operations", "_pools", "_remembering",
+        "_compiled", "_count", "_first", "_held_at", "_kept", "_kept_at", "_memory_at", "_number_at", "_operations", "_pools", "_remembering",
         "_sensor", "_sonar", "_streams", "head", "instruments", "reading", "streams",
     )  # fmt: skip
 
@@ -58,11 +58,11 @@ class SensorRows:
     ) -> None:
         """Take rows for a sensor on this body, with errors that have no memory yet."""
         self.instruments, self._sensor, self._streams = instruments, sensor, streams
-        self._bank = sensor if isinstance(sensor, BankSensor) else None
+        self._compiled = sensor if isinstance(sensor, CompiledSensor) else None
         self._sonar = sensor if isinstance(sensor, Sonar) else None
-        if self._bank is not None:
-            self._bank.enter(instruments.heads, instruments.rows_of(self._bank.bank))
-            self.head = self._bank.head
+        if self._compiled is not None:
+            self._compiled.enter(instruments.heads, instruments.rows_of(self._compiled.kernel))
+            self.head = self._compiled.head
         else:
             self.head = instruments.heads.take(1)
         width, ideal = streams[0].columns.width, any(stream.ideal for stream in streams)
@@ -83,15 +83,15 @@ class SensorRows:
 
     def _find_state_bytes(self) -> None:
         """Find where the bytes of the state stand in the arrays. Done once, as a state is taken between two ticks and must be quick."""
-        instruments, bank = self.instruments, self._bank
-        memories = None if bank is None else bank.rows
+        instruments, compiled = self.instruments, self._compiled
+        memories = None if compiled is None else compiled.rows
         self._pools = instruments.heads, instruments.streams, instruments.numbers, memories
         self._number_at = _bytes(self.head * HEAD.itemsize + _NUMBER, 8)
         self._held_at = [_bytes(k * STREAM.itemsize + _HELD, HELD.itemsize) for k in self.streams]
         self._kept_at = _bytes(self._first * _FLOAT, self._kept * _FLOAT)
-        if bank is not None:
-            record = bank.bank.record
-            self._memory_at = _bytes(bank.row * record.itemsize + _offset(record, "m"), record["m"].itemsize)
+        if compiled is not None:
+            record = compiled.kernel.record
+            self._memory_at = _bytes(compiled.row * record.itemsize + _offset(record, "m"), record["m"].itemsize)
 
     def _fill_streams(self, reading: int, made: int) -> None:
         """Fill the rows of the streams. `reading` is the place of the present reading; `made` is the place behind it, and behind the
@@ -132,8 +132,8 @@ class SensorRows:
             voice = int(self.row["voice"])
             instruments.voices.rows["works"][voice] = 0
             instruments.voices.give_back(voice, 1)
-        if self._bank is not None:
-            self._bank.leave()
+        if self._compiled is not None:
+            self._compiled.leave()
         else:
             instruments.heads.give_back(self.head, 1)
 
@@ -196,13 +196,13 @@ class SensorRows:
 
     def check(self, memory: bytes, held: bytes, numbers: bytes) -> None:
         """Raise ValueError if a state from outside is not possible for this sensor."""
-        bank = self._bank
-        if bank is not None:
-            form = bank.bank.record["m"]
+        compiled = self._compiled
+        if compiled is not None:
+            form = compiled.kernel.record["m"]
             if len(memory) != form.itemsize:
                 raise ValueError(f"{len(memory)} bytes of memory, not {form.itemsize}")
-            if bank.memory_type.__struct_fields__:
-                bank.valid(bank.memory_of(np.frombuffer(memory, form)[0]))
+            if compiled.memory_type.__struct_fields__:
+                compiled.valid(compiled.memory_of(np.frombuffer(memory, form)[0]))
         if len(held) != HELD.itemsize * len(self.streams):
             raise ValueError("other streams than this sensor has")
         for there, valid, t_ns in struct.iter_unpack("=3q", held):

@@ -14,8 +14,8 @@ from uwserver.modifiers import Measurement
 from uwserver.ports import Field, Json, Port
 from uwserver.ports.checks import check_values
 from uwserver.sensors import Scope, Sensor
-from uwserver.sensors.bank import BankSensor
 from uwserver.sensors.base import blank
+from uwserver.sensors.compiled import CompiledSensor
 from uwserver.sensors.job import Begun
 from uwserver.sensors.wiring import Wiring
 from uwserver.step.streams import HELD
@@ -65,7 +65,7 @@ class SensorSlot(Part):
         # Whether settings and memory have fields never changes.
         self._has_settings, self.is_wordy = bool(sensor.settings.__struct_fields__), bool(streams[0].columns.loose)
         self._settings = sensor.settings, record(sensor.settings) if self._has_settings else b""
-        self._has_memory = not isinstance(sensor, BankSensor) and bool(sensor.memory.__struct_fields__)
+        self._has_memory = not isinstance(sensor, CompiledSensor) and bool(sensor.memory.__struct_fields__)
         self._python_modifiers = [m for stream in streams if stream.is_ready_made for m in stream.modifiers]
 
     @property
@@ -195,7 +195,7 @@ class SensorSlot(Part):
         """Whether compiled code can do everything for it, from the reading to the samples."""
         if any(stream.is_ready_made for stream in self.streams):
             return False
-        if isinstance(self.sensor, BankSensor):
+        if isinstance(self.sensor, CompiledSensor):
             return not self.is_wordy
         if self.wants_exact:
             return False
@@ -242,7 +242,7 @@ class SensorSlot(Part):
     def take_loose(self) -> None:
         """Take the values that are no numbers from a sensor that compiled code has read."""
         sensor = self.sensor
-        assert isinstance(sensor, BankSensor)
+        assert isinstance(sensor, CompiledSensor)
         if not self._here.row["ready"]:
             return
         for stream in self.streams:
@@ -356,7 +356,7 @@ class SensorSlot(Part):
             sensor.valid(read_record(state.settings, sensor.settings))
         if self._has_memory:
             sensor.valid(read_record(state.memory, sensor.memory))
-        elif state.memory and not isinstance(sensor, BankSensor):
+        elif state.memory and not isinstance(sensor, CompiledSensor):
             raise ValueError("it has a memory, and this sensor has none")
         self._here.check(state.memory, state.held, state.numbers)
         loose, others = state.loose, state.pictures
@@ -381,7 +381,7 @@ class SensorSlot(Part):
             self.set_divisor(state.divisor)
         if self._has_settings and state.settings != record(sensor.settings):
             sensor.settings = read_record(state.settings, sensor.settings)
-            if isinstance(sensor, BankSensor):
+            if isinstance(sensor, CompiledSensor):
                 sensor.fill(sensor.rows.rows[sensor.row])
         if self._has_memory:
             sensor.memory = read_record(state.memory, sensor.memory)

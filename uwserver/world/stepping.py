@@ -240,8 +240,8 @@ class Stepping:
         run[_STAGE], run[_NEEDS], run[_DUE] = rows.RATES, needs, len(called)
         self.given.rows["due"][: len(called)] = [slot.head for slot in called]
         count = turn = 0
-        for kind, bank in enumerate(self.given.timetable.banks):
-            heads = [slot.head for slot in called if getattr(slot.sensor, "bank", None) is bank]
+        for kind, kernel in enumerate(self.given.timetable.kernels):
+            heads = [slot.head for slot in called if getattr(slot.sensor, "kernel", None) is kernel]
             if heads:
                 self.given.rows["turns"][count : count + len(heads)] = heads
                 self.given.rows["turn"][turn] = kind, count, len(heads)

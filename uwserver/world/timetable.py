@@ -9,7 +9,7 @@ import numpy as np
 
 from uwserver.physics.kernel.arrays import IntArray
 from uwserver.physics.rays.raycast import no_hits
-from uwserver.sensors.bank import Bank, BankSensor, codes_of
+from uwserver.sensors.compiled import CompiledSensor, SensorKernel, codes_of
 from uwserver.step.rows import (
     AS_REPEATED,
     GROUP,
@@ -42,12 +42,12 @@ class Timetable(NamedTuple):
 
     Attributes:
         rows: arrays of `step.rows.FORMS`, by name.
-        banks: of the kinds, by their numbers.
+        kernels: of the kinds, by their numbers.
         slots: by the number of their head.
     """
 
     rows: dict[str, Any]
-    banks: tuple[Bank, ...]
+    kernels: tuple[SensorKernel, ...]
     slots: dict[int, SensorSlot]
 
 
@@ -82,10 +82,10 @@ def needs_of(slots: Iterable[SensorSlot]) -> int:
         if is_written(slot):
             needs |= NEEDS_TEXTS
             continue
-        in_bank, repeats = isinstance(slot.sensor, BankSensor), is_repeated(slot)
-        needs |= NEEDS_EXACT * (in_bank and slot.wants_exact)
+        has_kernel, repeats = isinstance(slot.sensor, CompiledSensor), is_repeated(slot)
+        needs |= NEEDS_EXACT * (has_kernel and slot.wants_exact)
         needs |= NEEDS_REPEATING * repeats
-        in_python = not (in_bank or repeats) or slot.is_wordy or any(stream.is_ready_made for stream in slot.streams)
+        in_python = not (has_kernel or repeats) or slot.is_wordy or any(stream.is_ready_made for stream in slot.streams)
         needs |= NEEDS_PYTHON * in_python
         needs |= NEEDS_KEEPING * slot.is_wordy
     return needs
@@ -97,7 +97,7 @@ class _Maker:
     def __init__(self, instruments: Instruments) -> None:
         """Begin with empty rows, for sensors in these instruments."""
         self._instruments = instruments
-        self.banks: list[Bank] = []
+        self.kernels: list[SensorKernel] = []
         self._numbers: dict[int, int] = {}
         self.groups: list[tuple[int, ...]] = []
         self.shares: list[tuple[int, ...]] = []
@@ -114,8 +114,8 @@ class _Maker:
         by_kind: dict[int, list[int]] = {}
         for slot in group.slots:
             self.scheduled.append(slot.head)
-            if isinstance(slot.sensor, BankSensor):
-                by_kind.setdefault(self._number(slot.sensor.bank), []).append(slot.head)
+            if isinstance(slot.sensor, CompiledSensor):
+                by_kind.setdefault(self._number(slot.sensor.kernel), []).append(slot.head)
             elif is_written(slot):
                 self._add_writing(slot)
             elif is_repeated(slot):
@@ -131,11 +131,11 @@ class _Maker:
             repeating_first, len(self.repeatings) - repeating_first,
         ))  # fmt: skip
 
-    def _number(self, bank: Bank) -> int:
-        if id(bank) not in self._numbers:
-            self._numbers[id(bank)] = len(self.banks)
-            self.banks.append(bank)
-        return self._numbers[id(bank)]
+    def _number(self, kernel: SensorKernel) -> int:
+        if id(kernel) not in self._numbers:
+            self._numbers[id(kernel)] = len(self.kernels)
+            self.kernels.append(kernel)
+        return self._numbers[id(kernel)]
 
     def _add_writing(self, slot: SensorSlot) -> None:
         writing, numbers = slot.sensor.writing, slot.stream_numbers
@@ -145,10 +145,10 @@ class _Maker:
             (slot.head, writing.row, numbers.start, len(numbers), int(head["first"]), int(head["width"]))
         )
 
-    def kind(self, bank: Bank) -> tuple[int, ...]:
+    def kind(self, kernel: SensorKernel) -> tuple[int, ...]:
         """Return the row of a kind."""
-        *aims, code = codes_of(bank)
-        rows = self._instruments.rows_of(bank).rows
+        *aims, code = codes_of(kernel)
+        rows = self._instruments.rows_of(kernel).rows
         return code, rows.ctypes.data, len(rows), rows.dtype.itemsize, bool(aims), *(*aims, 0, 0)[:2]
 
 
@@ -162,7 +162,7 @@ def timetable_of(groups: Sequence[Group], instruments: Instruments) -> Timetable
     made = _Maker(instruments)
     for group in groups:
         made.add(group)
-    kinds = np.array([made.kind(bank) for bank in made.banks], KIND)
+    kinds = np.array([made.kind(kernel) for kernel in made.kernels], KIND)
     heads = instruments.heads.rows
     rays, most_heads = _most_rays(made, heads)
     count = len(heads)
@@ -191,12 +191,12 @@ def timetable_of(groups: Sequence[Group], instruments: Instruments) -> Timetable
         **no_hits(rays)._asdict(),
     }
     slots = {slot.head: slot for group in groups for slot in group.slots}
-    return Timetable(rows, tuple(made.banks), slots)
+    return Timetable(rows, tuple(made.kernels), slots)
 
 
 def _most_rays(made: _Maker, heads: Any) -> tuple[int, int]:
     """Return the most rays that sensors of one kind cast in a tick, and the most sensors that cast them."""
-    casting = [kind for kind, bank in enumerate(made.banks) if bank.aims]
+    casting = [kind for kind, kernel in enumerate(made.kernels) if kernel.aims]
     rays, counts = dict.fromkeys(casting, 0), dict.fromkeys(casting, 0)
     for kind, first, count in made.shares:
         if kind in rays:

@@ -11,11 +11,11 @@ from pathlib import Path
 
 from uwserver.physics import warm as physics
 from uwserver.physics.kernel.compiled import cache_state
-from uwserver.world import banks
+from uwserver.world import kernel_stages
 from uwserver.world.builds import STAGES, prepare, progress, watch_parent
 
 COMPILE: dict[str, Callable[[], object]] = physics.COMPILE | {
-    stage: partial(banks.load, stage) for stage in banks.STAGES
+    stage: partial(kernel_stages.load, stage) for stage in kernel_stages.STAGES
 }
 """Compiles the kernels of each stage."""
 
@@ -48,8 +48,8 @@ def warm(say: Callable[[str], None] = lambda line: None) -> bool:
     compiled = prepare(STAGES, progress())
     physics.check(say)
     say("kernels: sensors and autopilots")
-    for stage in banks.STAGES:
-        banks.load(stage)
+    for stage in kernel_stages.STAGES:
+        kernel_stages.load(stage)
     return compiled
 
 

@@ -65,7 +65,7 @@ def test_a_fleet_is_loaded_sent_out_and_stepped(kind: str) -> None:
     assert min(found["of_processor_time"]) > 0.0
 
 
-def test_samples_of_a_bank_arrive_and_noise_costs_something(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_samples_of_many_vehicles_arrive_and_noise_costs_something(monkeypatch: pytest.MonkeyPatch) -> None:
     worlds: list[World] = []
     load = swarm_world.loaded
 

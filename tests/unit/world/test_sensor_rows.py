@@ -61,13 +61,13 @@ def test_no_number_belongs_to_two() -> None:
     assert sorted(used) == list(range(min(used), min(used) + len(used)))
 
 
-def test_a_sensor_of_a_bank_brings_its_memory() -> None:
+def test_a_compiled_sensor_brings_its_memory() -> None:
     sensor = ImuConfig(rate_hz=100.0).build(Pose())
     sensor.start(5)
     arrays = Rig().instruments
     rows = SensorRows(arrays, sensor, (SensorStream(slot_of().port),), 0, 0)
     _, memory, held, numbers = rows.save()
-    assert len(memory) == sensor.bank.record["m"].itemsize  # type: ignore[attr-defined]
+    assert len(memory) == sensor.kernel.record["m"].itemsize  # type: ignore[attr-defined]
     with pytest.raises(ValueError, match="bytes of memory"):
         rows.check(memory[1:], held, numbers)
     rows.give_back()

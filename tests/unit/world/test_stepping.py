@@ -24,7 +24,7 @@ from uwserver.ports import Call, Command, Refused, Sample
 from uwserver.ports.thinning import Thinning
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
-from uwserver.sensors.bank import BankSensor
+from uwserver.sensors.compiled import CompiledSensor
 from uwserver.simulation.mailbox import Wake
 from uwserver.step import rows
 from uwserver.world import Diverged, World
@@ -449,12 +449,12 @@ def test_kinds_read_in_the_order_in_which_the_first_of_each_is_due(tmp_path: Pat
     world.step(tick)
     rows, timetable = world.stepping.given.rows, world.stepping.given.timetable
     turns = rows["turn"][: int(rows["run"]["kinds"][0])].tolist()
-    read = [(timetable.banks[kind], rows["turns"][first : first + count]) for kind, first, count in turns]
+    read = [(timetable.kernels[kind], rows["turns"][first : first + count]) for kind, first, count in turns]
     slots = [slot for group in world.sensing.groups if tick % group.divisor == 0 for slot in group.slots]
-    banks = [slot.sensor.bank for slot in slots if isinstance(slot.sensor, BankSensor)]
-    assert [id(bank) for bank, _ in read] == list(dict.fromkeys(map(id, banks)))
-    for bank, due in read:
-        of_kind = [s.head for s in slots if isinstance(s.sensor, BankSensor) and s.sensor.bank is bank]
+    kernels = [slot.sensor.kernel for slot in slots if isinstance(slot.sensor, CompiledSensor)]
+    assert [id(kernel) for kernel, _ in read] == list(dict.fromkeys(map(id, kernels)))
+    for kernel, due in read:
+        of_kind = [s.head for s in slots if isinstance(s.sensor, CompiledSensor) and s.sensor.kernel is kernel]
         assert due.tolist() == of_kind
 
 

@@ -17,7 +17,7 @@ PING = '''
 from uwserver.physics.kernel.deferred import entry
 from uwserver.ports import Field
 from uwserver.sensors import Pose, SensorTable
-from uwserver.sensors.bank import Bank, BankSensor, begins, p_NS, q_NS, reading_of, record, rotate
+from uwserver.sensors.compiled import SensorKernel, CompiledSensor, begins, p_NS, q_NS, reading_of, record, rotate
 
 class PingConfig(SensorTable, tag="ping", kw_only=True, frozen=True):
     """Downward ray."""
@@ -45,10 +45,10 @@ def run(heads, rows, numbers, due, now, t, direction, first, hits):
         if heads[k].ready:
             reading_of(heads[k], numbers)[0] = hits.distance[first[n]]
 
-class Ping(BankSensor):
+class Ping(CompiledSensor):
     doc = "How far the bottom is."
     fields = (Field("range", "m", "of the ray"),)
-    bank = Bank(record([("x", "f8")]), run, (aim,))
+    kernel = SensorKernel(record([("x", "f8")]), run, (aim,))
     rays = 1
 
     def __init__(self, mount):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from sensing_rig import Adds, Counter, Repeater, Rig, Speaker, slot_of, stream
 
 import uwserver
-from uwserver.sensors.bank import BankSensor
+from uwserver.sensors.compiled import CompiledSensor
 from uwserver.step.rows import (
     AS_REPEATED,
     NEEDS_EXACT,
@@ -57,15 +57,15 @@ def test_heads_of_a_group_stand_together_and_those_of_a_kind_beside_each_other()
         shares = made.rows["shares"][row["share_first"] : row["share_first"] + row["share_count"]]
         for kind, first, count in shares.tolist():
             members = made.rows["members"][first : first + count].tolist()
-            bank = made.banks[kind]
+            kernel = made.kernels[kind]
             assert members == [
-                s.head for s in group.slots if isinstance(s.sensor, BankSensor) and s.sensor.bank is bank
+                s.head for s in group.slots if isinstance(s.sensor, CompiledSensor) and s.sensor.kernel is kernel
             ]
     kinds = made.rows["kinds"]
-    assert kinds["by_rays"].tolist() == [bool(bank.aims) for bank in made.banks]
+    assert kinds["by_rays"].tolist() == [bool(kernel.aims) for kernel in made.kernels]
     assert kinds["by_rays"].any()
     assert kinds["code"].all()
-    assert kinds["row_size"].tolist() == [bank.record.itemsize for bank in made.banks]
+    assert kinds["row_size"].tolist() == [kernel.record.itemsize for kernel in made.kernels]
 
 
 def test_a_rig_without_sensors_makes_its_ticks() -> None:

@@ -23,7 +23,7 @@ from uwserver.scenario.vehicle.body import own_rows
 from uwserver.scenario.vehicle.tables import Electric as ElectricTable
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import Pose, Sensor, SensorConfig, SensorTable
-from uwserver.sensors.bank import BankSensor
+from uwserver.sensors.compiled import CompiledSensor
 from uwserver.sensors.others import Outline
 from uwserver.sensors.truth import TRUTH
 from uwserver.sensors.wiring import Electric, Wiring
@@ -170,7 +170,7 @@ def sensor_slot(
         streams.append(SensorStream(at, _modifiers(world, at, side.modifiers), side.ideal))
     twin: Sensor | None = None
     needs_twin = "ideal" in config.__struct_fields__ and any(stream.ideal for stream in streams)
-    if needs_twin and not isinstance(sensor, BankSensor):
+    if needs_twin and not isinstance(sensor, CompiledSensor):
         twin = structs.replace(config, ideal=True).build(mount)
         twin.load_kernels()
     latency_ns = round((config.latency_s or 0.0) * NANOSECONDS)

@@ -25,10 +25,11 @@ from uwserver.sensors.acoustic.echo import (
     or_truth,
     pings,
 )
-from uwserver.sensors.bank import (
+from uwserver.sensors.base import Distance, Gain, Pose, SensorTable, Settings, SoundSpeed, Traits
+from uwserver.sensors.compiled import (
     MISSING,
-    Bank,
-    BankSensor,
+    CompiledSensor,
+    SensorKernel,
     aim_loop,
     conjugate,
     echo_of,
@@ -42,7 +43,6 @@ from uwserver.sensors.bank import (
     submergence,
     water_property,
 )
-from uwserver.sensors.base import Distance, Gain, Pose, SensorTable, Settings, SoundSpeed, Traits
 from uwserver.table import NonNegative, Positive, Probability
 from uwserver.units import rad
 
@@ -311,7 +311,7 @@ def measure(
     head.delay_ns = rounded_ns(wait + row.processing)
 
 
-class Altimeter(BankSensor):
+class Altimeter(CompiledSensor):
     """Gives the range of the first echo and the confidence in it."""
 
     doc = "Echosounder: range of the first echo in a cone along the sensor's z, and the confidence in it; invalid without echo."
@@ -319,7 +319,7 @@ class Altimeter(BankSensor):
         Field("range", "m", "distance of the first echo"),
         Field("confidence", "1", "how far the echo stands out of the noise, 0 to 1"),
     )
-    bank = Bank(_RECORD, ray_loop(measure), (aim_loop(aim), refine))
+    kernel = SensorKernel(_RECORD, ray_loop(measure), (aim_loop(aim), refine))
     random = ("sigma", "relative")
     memory_type = AltimeterMemory
     settings: AltimeterSettings

@@ -11,7 +11,7 @@ from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Argument
-from uwserver.sensors.bank import p_NS, submergence
+from uwserver.sensors.compiled import p_NS, submergence
 
 MU_SEDIMENT = 10.0 ** (0.1 * SEDIMENT_DB)
 """Lambert's parameter of sediment, linear. The largest range of a device is the one at which it just detects a bottom of sediment."""
@@ -45,7 +45,7 @@ def is_busy(head: Any, row: Any, t: float) -> bool:
     """Return whether the last ping is not over at time t (s). The sensor then gives no reading.
 
     Args:
-        head: of the sensor, a row of `bank.HEAD`.
+        head: of the sensor, a row of `compiled.HEAD`.
         row: its record, whose memory has `ready`, the time (s) from which it may ping again.
     """
     if t < row.m.ready - 1e-6:

@@ -13,7 +13,7 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Argument
 from uwserver.sensors.acoustic.pinging import PingMemory, PingSettings
-from uwserver.sensors.bank import rotate
+from uwserver.sensors.compiled import rotate
 
 _WHOLE = 2.0 * math.pi
 

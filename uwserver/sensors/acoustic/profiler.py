@@ -14,7 +14,7 @@ from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Argument, FanView, Field
 from uwserver.sensors.acoustic import receiver, sounding
 from uwserver.sensors.acoustic.cross_talk import (
-    BankSonar,
+    CompiledSonar,
     assumed_speed,
     overheard,
     ping_arguments,
@@ -29,9 +29,10 @@ from uwserver.sensors.acoustic.imaging.echoes import deposit
 from uwserver.sensors.acoustic.imaging.fan import Pencil
 from uwserver.sensors.acoustic.pinging import STILL, PingTable, fade_of
 from uwserver.sensors.acoustic.receiver import BEYOND, Pulse
-from uwserver.sensors.bank import (
+from uwserver.sensors.base import Pose, Traits
+from uwserver.sensors.compiled import (
     MISSING,
-    Bank,
+    SensorKernel,
     aim_loop,
     ground_of,
     multiply,
@@ -46,7 +47,6 @@ from uwserver.sensors.bank import (
     submergence,
     w_NB_B,
 )
-from uwserver.sensors.base import Pose, Traits
 from uwserver.table import NonNegative, Positive
 from uwserver.units import rad
 
@@ -282,11 +282,11 @@ def measure(
     head.delay_ns = rounded_ns(duration + row.processing)
 
 
-class Profiler(BankSonar):
+class Profiler(CompiledSonar):
     """Gives one range a ping."""
 
     doc = "Profiling sonar: where its pencil beam pointed and how far the echo came from; each ping from the pose at its start."
-    bank = Bank(_RECORD, ray_loop(measure), (aim_loop(aim),), acts=True)
+    kernel = SensorKernel(_RECORD, ray_loop(measure), (aim_loop(aim),), acts=True)
     random = ("noise",)
     memory_type = HeadMemory
     settings: HeadSettings

@@ -1,6 +1,6 @@
 """The bins of a scanning sonar's ping, from what its rays hit (compiled).
 
-In all functions `head` is the row of the sonar in `bank.HEAD`, `row` its record (hit_surface `scanning_sonar`), and `now` its surroundings.
+In all functions `head` is the row of the sonar in `compiled.HEAD`, `row` its record (hit_surface `scanning_sonar`), and `now` its surroundings.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from uwserver.sensors.acoustic.imaging.blocks import block_of, hit_surface, kept
 from uwserver.sensors.acoustic.imaging.echoes import deposit, energies, gates
 from uwserver.sensors.acoustic.imaging.speckle import DIRECTIONS, compress, detect, detect_mean, fade, scatter
 from uwserver.sensors.acoustic.receiver import BEYOND
-from uwserver.sensors.bank import ground_of, p_NS, q_NS, sound_absorption, submergence
+from uwserver.sensors.compiled import ground_of, p_NS, q_NS, sound_absorption, submergence
 from uwserver.sensors.voices import add_burst
 
 COUNTS, PRESSURE, COMPLEX = range(3)

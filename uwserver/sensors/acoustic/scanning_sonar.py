@@ -16,7 +16,7 @@ from uwserver.physics.rays.raycast import no_hits
 from uwserver.ports import Buffer, FanView, Field, Value
 from uwserver.ports.buffer import Layout
 from uwserver.sensors.acoustic.cross_talk import (
-    BankSonar,
+    CompiledSonar,
     SonarTable,
     assumed_speed,
     ping_arguments,
@@ -31,8 +31,8 @@ from uwserver.sensors.acoustic.imaging.silhouettes import CUT, room_for, sharpen
 from uwserver.sensors.acoustic.pinging import fade_of
 from uwserver.sensors.acoustic.receiver import Output
 from uwserver.sensors.acoustic.scan import COUNTS, FULL_SCALE, farthest, hear
-from uwserver.sensors.bank import MISSING, Bank, aim_loop, p_NS, q_NS, ray_loop, record, submergence
 from uwserver.sensors.base import Pose
+from uwserver.sensors.compiled import MISSING, SensorKernel, aim_loop, p_NS, q_NS, ray_loop, record, submergence
 from uwserver.sensors.traits import BYTES_OF_BIN, Traits
 from uwserver.table import NonNegative, Positive
 from uwserver.units import rad
@@ -194,11 +194,11 @@ def measure(
     head.delay_ns = rounded_ns(duration)
 
 
-class ScanningSonar(BankSonar):
+class ScanningSonar(CompiledSonar):
     """Gives one row of a sonar picture a ping."""
 
     doc = "Scanning sonar: the echoes of one ping over range, and where the head pointed; each ping from the pose at its start."
-    bank = Bank(_RECORD, ray_loop(measure), (aim_loop(aim), refine), acts=True)
+    kernel = SensorKernel(_RECORD, ray_loop(measure), (aim_loop(aim), refine), acts=True)
     random = ("noise",)
     memory_type = HeadMemory
     settings: HeadSettings

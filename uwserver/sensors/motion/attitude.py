@@ -13,9 +13,10 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.ports import Field
-from uwserver.sensors.bank import (
+from uwserver.sensors.base import Pose, SensorTable, Traits
+from uwserver.sensors.compiled import (
     MISSING,
-    Bank,
+    SensorKernel,
     TableSensor,
     loop,
     multiply,
@@ -28,7 +29,6 @@ from uwserver.sensors.bank import (
     rpy_from_quat,
     v_NB_B,
 )
-from uwserver.sensors.base import Pose, SensorTable, Traits
 from uwserver.table import NonNegative, Positive
 from uwserver.units import rad
 
@@ -148,7 +148,7 @@ class Attitude(TableSensor[AttitudeConfig]):
         Field("q_NS", "1", "attitude of the sensor frame, w x y z", "NS", (4,)),
         Field("heading", "rad", "direction of the sensor's x axis, clockwise from north, 0 to 2 pi"),
     )
-    bank = Bank(_RECORD, loop(measure))
+    kernel = SensorKernel(_RECORD, loop(measure))
     random = ("heading_sigma", "tilt_sigma", "noise", "m.heading", "m.tilt_x", "m.tilt_y")
     memory_type = AttitudeMemory
 

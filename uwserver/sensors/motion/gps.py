@@ -13,9 +13,10 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.ports import Argument, Field
-from uwserver.sensors.bank import (
+from uwserver.sensors.base import Pose, SensorTable, Settings, Traits
+from uwserver.sensors.compiled import (
     MISSING,
-    Bank,
+    SensorKernel,
     TableSensor,
     latitude_longitude,
     loop,
@@ -27,7 +28,6 @@ from uwserver.sensors.bank import (
     submergence,
     velocity_of,
 )
-from uwserver.sensors.base import Pose, SensorTable, Settings, Traits
 from uwserver.table import NonNegative, Positive
 
 _Error = Annotated[float, Meta(ge=-1e6, le=1e6)]
@@ -166,7 +166,7 @@ class Gps(TableSensor[GpsConfig]):
         Field("satellites", "1", "number of satellites in use; 0 under water", type="int"),
         Field("fix", "1", "0 none, 3 three-dimensional", type="int"),
     )
-    bank = Bank(_RECORD, loop(measure))
+    kernel = SensorKernel(_RECORD, loop(measure))
     random = ("horizontal", "vertical", "noise", "velocity", "m.error")
     memory_type = GpsMemory
     settings: GpsSettings

@@ -9,9 +9,10 @@ from uwserver.modifiers.base import Memory
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Field
-from uwserver.sensors.bank import (
-    Bank,
-    BankSensor,
+from uwserver.sensors.base import Pose, SensorTable, Traits
+from uwserver.sensors.compiled import (
+    CompiledSensor,
+    SensorKernel,
     inertial_rate,
     loop,
     p_NB,
@@ -21,7 +22,6 @@ from uwserver.sensors.bank import (
     specific_force,
     water_property,
 )
-from uwserver.sensors.base import Pose, SensorTable, Traits
 from uwserver.sensors.motion.triad import (
     TRIAD,
     TRIAD_DRAWS,
@@ -83,7 +83,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     out[6] = water_property(now, TEMPERATURE, p_NB(head, now)[2])
 
 
-class Imu(BankSensor):
+class Imu(CompiledSensor):
     """An IMU, which is always valid."""
 
     doc = "Inertial measurement unit: specific force (gravity included) and angular rate in the sensor frame."
@@ -99,7 +99,7 @@ class Imu(BankSensor):
         ),
         Field("temperature", "degC", "temperature of the surrounding water"),
     )
-    bank = Bank(_RECORD, loop(measure))
+    kernel = SensorKernel(_RECORD, loop(measure))
     random = (
         "gyroscope.white",
         "gyroscope.wander",

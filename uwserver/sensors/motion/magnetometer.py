@@ -9,8 +9,9 @@ from uwserver.modifiers.base import Memory
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Field
-from uwserver.sensors.bank import (
-    Bank,
+from uwserver.sensors.base import Pose, SensorTable, Traits
+from uwserver.sensors.compiled import (
+    SensorKernel,
     TableSensor,
     conjugate,
     loop,
@@ -22,7 +23,6 @@ from uwserver.sensors.bank import (
     rotate,
     supply_voltage,
 )
-from uwserver.sensors.base import Pose, SensorTable, Traits
 from uwserver.sensors.motion.triad import (
     TRIAD,
     TRIAD_DRAWS,
@@ -107,7 +107,7 @@ class Magnetometer(TableSensor[MagnetometerConfig]):
 
     doc = "Magnetic flux density at the mount: the Earth's field, distorted by the vehicle."
     fields = (Field("field_S", "T", "magnetic flux density", "S", (3,)),)
-    bank = Bank(_RECORD, loop(measure))
+    kernel = SensorKernel(_RECORD, loop(measure))
     random = ("triad.white", "triad.wander", "triad.walk", "m.triad.instability")
     memory_type = MagnetometerMemory
 

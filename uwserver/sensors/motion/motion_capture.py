@@ -7,8 +7,8 @@ from typing import Any
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Field
-from uwserver.sensors.bank import MISSING, Bank, BankSensor, loop, p_NS, q_NS, record, submergence
 from uwserver.sensors.base import Pose, SensorTable
+from uwserver.sensors.compiled import MISSING, CompiledSensor, SensorKernel, loop, p_NS, q_NS, record, submergence
 
 
 class MotionCaptureConfig(SensorTable, tag="motion_capture", kw_only=True, frozen=True):
@@ -30,7 +30,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
         out[:], head.valid = MISSING, 0
 
 
-class MotionCapture(BankSensor):
+class MotionCapture(CompiledSensor):
     """Pose of the marker frame while it is under water."""
 
     doc = "Pose of the marker frame in N, as the cameras of a test pool see it; invalid above the surface."
@@ -38,5 +38,5 @@ class MotionCapture(BankSensor):
         Field("p_NS", "m", "position of the marker frame", "N", (3,)),
         Field("q_NS", "1", "attitude of the marker frame, w x y z", "NS", (4,)),
     )
-    bank = Bank(record([]), loop(measure))
+    kernel = SensorKernel(record([]), loop(measure))
     exact = True

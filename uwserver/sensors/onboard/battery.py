@@ -12,8 +12,8 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.ports import Argument, Field
-from uwserver.sensors.bank import Bank, TableSensor, loop, power, record, supply, supply_voltage
 from uwserver.sensors.base import Pose, SensorTable, Settings
+from uwserver.sensors.compiled import SensorKernel, TableSensor, loop, power, record, supply, supply_voltage
 from uwserver.table import NonNegative, Positive, Probability
 
 MOST_POINTS = 101
@@ -135,7 +135,7 @@ class Battery(TableSensor[BatteryConfig]):
         Field("energy", "J", "energy delivered since the start"),
         Field("charge", "1", "part of the capacity that is left"),
     )
-    bank = Bank(_RECORD, loop(measure), acts=True)
+    kernel = SensorKernel(_RECORD, loop(measure), acts=True)
     supplies = True
     random = ("sigma_A", "sigma_V")
     memory_type = BatteryMemory

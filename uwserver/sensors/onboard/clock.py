@@ -12,8 +12,8 @@ from uwserver.modifiers.operations import rounded_ns
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Field
-from uwserver.sensors.bank import Bank, TableSensor, loop, place_of, record
 from uwserver.sensors.base import Pose, SensorTable
+from uwserver.sensors.compiled import SensorKernel, TableSensor, loop, place_of, record
 from uwserver.table import NonNegative
 
 
@@ -69,7 +69,7 @@ class ClockSensor(TableSensor[ClockConfig]):
         Field("utc_ns", "ns", "nanoseconds since 1970-01-01, UTC without leap seconds", type="int"),
         Field("elapsed", "s", "time since the start of the scenario, by this clock"),
     )
-    bank = Bank(_RECORD, loop(measure))
+    kernel = SensorKernel(_RECORD, loop(measure))
     memory_type = ClockMemory
 
     def turn_on_row(self, memory: Any) -> None:

@@ -11,9 +11,10 @@ from uwserver.modifiers.columns import NO_INT
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import Elsewhere, compiled
 from uwserver.ports import Field
-from uwserver.sensors.bank import (
+from uwserver.sensors.base import Pose, SensorTable
+from uwserver.sensors.compiled import (
     MISSING,
-    Bank,
+    SensorKernel,
     TableSensor,
     conjugate,
     loop,
@@ -22,7 +23,6 @@ from uwserver.sensors.bank import (
     record,
     rotate,
 )
-from uwserver.sensors.base import Pose, SensorTable
 from uwserver.table import NonNegative
 
 MOST_POINTS = 16
@@ -108,7 +108,7 @@ class Contact(TableSensor[ContactConfig]):
     """Contacts of the whole hull."""
 
     doc = "Contacts of the hull with bodies and things in the last tick: bumper, landing, collision."
-    bank = Bank(_RECORD, loop(measure))
+    kernel = SensorKernel(_RECORD, loop(measure))
     exact = True
 
     def __init__(self, config: ContactConfig) -> None:

@@ -11,8 +11,8 @@ from uwserver.modifiers.base import Memory
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Argument, Field
-from uwserver.sensors.bank import Bank, BankSensor, gauge_pressure, loop, p_NS, place_of, record
 from uwserver.sensors.base import Pose, SensorTable, Settings
+from uwserver.sensors.compiled import CompiledSensor, SensorKernel, gauge_pressure, loop, p_NS, place_of, record
 from uwserver.table import NonNegative, Positive
 
 
@@ -62,12 +62,12 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     out[0] = 1.0 if row.m.volume >= row.threshold else 0.0
 
 
-class Leak(BankSensor):
+class Leak(CompiledSensor):
     """A leak probe. Its memory holds the water in the hull."""
 
     doc = "Leak probe in the hull. To make a leak, give `area_m2` to the service `set`; a reset of the world dries the hull."
     fields = (Field("leak", "1", "the probe is wet", type="bool"),)
-    bank = Bank(_RECORD, loop(measure))
+    kernel = SensorKernel(_RECORD, loop(measure))
     memory_type = LeakMemory
     exact = True
     settings: LeakSettings

@@ -13,8 +13,8 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.ports import Field
-from uwserver.sensors.bank import MISSING, Bank, TableSensor, loop, record, shaft_speed
 from uwserver.sensors.base import Named, Pose, Scope, SensorTable, Traits
+from uwserver.sensors.compiled import MISSING, SensorKernel, TableSensor, loop, record, shaft_speed
 from uwserver.sensors.wiring import Wiring
 from uwserver.table import Name, NonNegative
 
@@ -69,7 +69,7 @@ class Rpm(TableSensor[RpmConfig]):
     """Shaft speeds, computed from the open-water thrust at rest."""
 
     doc = "Shaft speed of thrusters; no value if the device file does not give it."
-    bank = Bank(_RECORD, loop(measure))
+    kernel = SensorKernel(_RECORD, loop(measure))
     random = ("sigma",)
 
     def __init__(self, config: RpmConfig) -> None:

@@ -11,9 +11,10 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.kernel.random import SAMPLE, normals, uniforms
 from uwserver.ports import Argument, BeamView, Field
-from uwserver.sensors.bank import (
+from uwserver.sensors.base import Distance, Pose, SensorTable, Settings, Traits
+from uwserver.sensors.compiled import (
     MISSING,
-    Bank,
+    SensorKernel,
     TableSensor,
     aim_loop,
     p_NS,
@@ -23,7 +24,6 @@ from uwserver.sensors.bank import (
     rotate,
     submergence,
 )
-from uwserver.sensors.base import Distance, Pose, SensorTable, Settings, Traits
 from uwserver.table import NonNegative, Positive, Probability
 from uwserver.units import rad
 
@@ -127,7 +127,7 @@ class RangeArray(TableSensor[RangeArrayConfig]):
     """Distances to the first solid thing on each ray."""
 
     doc = "Distances along thin rays, from port to starboard; a ray that hits nothing has no value. Invalid while the sensor is in air."
-    bank = Bank(_RECORD, ray_loop(measure), (aim_loop(aim),))
+    kernel = SensorKernel(_RECORD, ray_loop(measure), (aim_loop(aim),))
     random = ("sigma",)
     settings: RangeSettings
 

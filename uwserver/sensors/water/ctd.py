@@ -14,9 +14,10 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.ports import Field
-from uwserver.sensors.bank import (
+from uwserver.sensors.base import Pose, SensorTable, Traits
+from uwserver.sensors.compiled import (
     MISSING,
-    Bank,
+    SensorKernel,
     TableSensor,
     gauge_pressure,
     loop,
@@ -26,7 +27,6 @@ from uwserver.sensors.bank import (
     submergence,
     water_property,
 )
-from uwserver.sensors.base import Pose, SensorTable, Traits
 from uwserver.table import NonNegative
 
 _DECIBAR = 1e4
@@ -132,7 +132,7 @@ class Ctd(TableSensor[CtdConfig]):
         Field("pressure", "Pa", "absolute pressure"),
         Field("salinity", "1", "practical salinity (PSS-78)"),
     )
-    bank = Bank(_RECORD, loop(measure))
+    kernel = SensorKernel(_RECORD, loop(measure))
     random = ("temperature_sigma", "conductivity_sigma", "pressure_sigma")
     memory_type = CtdMemory
 

@@ -10,9 +10,10 @@ from uwserver.environment.column import TEMPERATURE
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Field
-from uwserver.sensors.bank import (
+from uwserver.sensors.base import Pose, SensorTable
+from uwserver.sensors.compiled import (
     MISSING,
-    Bank,
+    SensorKernel,
     TableSensor,
     depth_of,
     gauge_pressure,
@@ -22,7 +23,6 @@ from uwserver.sensors.bank import (
     record,
     water_property,
 )
-from uwserver.sensors.base import Pose, SensorTable
 from uwserver.table import NonNegative, Positive
 
 _TEMPERATURE = Field("temperature", "degC", "temperature of the surrounding water")
@@ -65,7 +65,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
 
 
 class _Manometer(TableSensor[PressureConfig]):
-    bank = Bank(_RECORD, loop(measure))
+    kernel = SensorKernel(_RECORD, loop(measure))
     exact = True
 
     def fill(self, row: Any) -> None:

@@ -11,9 +11,10 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.ports import Field
-from uwserver.sensors.bank import (
+from uwserver.sensors.base import Pose, SensorTable, Traits
+from uwserver.sensors.compiled import (
     MISSING,
-    Bank,
+    SensorKernel,
     TableSensor,
     loop,
     p_NS,
@@ -21,7 +22,6 @@ from uwserver.sensors.bank import (
     submergence,
     water_property,
 )
-from uwserver.sensors.base import Pose, SensorTable, Traits
 from uwserver.table import NonNegative
 
 
@@ -75,7 +75,7 @@ class SoundSpeed(TableSensor[SoundSpeedConfig]):
 
     doc = "Speed of sound in the water at the mount; no value in air."
     fields = (Field("sound_speed", "m/s", "speed of sound"),)
-    bank = Bank(_RECORD, loop(measure))
+    kernel = SensorKernel(_RECORD, loop(measure))
     random = ("sigma",)
     memory_type = SoundSpeedMemory
 

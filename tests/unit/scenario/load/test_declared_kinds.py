@@ -21,8 +21,8 @@ from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.scene.fittings import sensor_views
 from uwserver.sensors import Pose
-from uwserver.sensors.bank import BankSensor, kernels
-from uwserver.world.banks import kernels_of
+from uwserver.sensors.compiled import CompiledSensor, loops_of
+from uwserver.world.kernel_stages import kernels_of
 from uwserver.world.piloting import Piloting
 
 SCENARIO = """
@@ -109,14 +109,14 @@ def test_what_cannot_be_declared_is_told(tmp_path: Path, old: str, new: str, tex
         loaded(tmp_path, KIND.replace(old, new))
 
 
-def test_shipped_kinds_have_the_fields_of_their_messages_and_the_stages_of_their_banks() -> None:
+def test_shipped_kinds_have_the_fields_of_their_messages_and_the_stages_of_their_kernels() -> None:
     vehicles = load("one_of_everything", adapters=installed_adapters()).vehicles.values()
     seen = set()
     for config in (config for vehicle in vehicles for config in vehicle.vehicle.sensors.values()):
         built = config.build(Pose())
         assert set(STANDARD.get(config.message, ())) <= {field.name for field in built.fields}, config
-        if isinstance(built, BankSensor):
-            names = {kernel_name(kernel.py_func) for kernel in kernels(built.bank)}
+        if isinstance(built, CompiledSensor):
+            names = {kernel_name(kernel.py_func) for kernel in loops_of(built.kernel)}
             (stage,) = (each for each in ("sensors", "soundings", "sonars") if names <= {*kernels_of(each)})
             assert stage == "sensors" or stage in config.traits().stages, config
         seen.add(config.message)

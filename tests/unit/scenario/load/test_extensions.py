@@ -18,7 +18,7 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
-from uwserver.sensors.bank import kernels
+from uwserver.sensors.compiled import loops_of
 
 
 @pytest.fixture
@@ -49,7 +49,7 @@ def test_the_example_is_part_of_a_snapshot(tank):
 def test_the_example_in_compiled_code_measures_and_is_part_of_a_snapshot(beside):
     """Its kernel is there before the first tick: one that compiles would hold up all the others for seconds."""
     world = build(load(beside / "pond.toml", adapters={}))
-    (kernel,) = kernels(world.sensors["rov/oxygen"].sensor.bank)
+    (kernel,) = loops_of(world.sensors["rov/oxygen"].sensor.kernel)
     assert len(kernel.signatures) == 1
     samples = world.step(480)
     assert len(kernel.signatures) == 1

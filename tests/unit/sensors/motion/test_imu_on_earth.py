@@ -46,7 +46,7 @@ def test_at_rest_and_level_it_feels_the_earth_turn(scope, latitude_deg):
     assert f_S == pytest.approx((0.0, 0.0, -9.81), abs=1e-15)
 
 
-def test_what_plain_python_says_is_what_the_bank_reads(scope):
+def test_what_plain_python_says_is_what_compiled_code_reads(scope):
     moving = scope(
         earth=Earth(0.9, 0.4, rotating=True), p_NB=(5e3, -7e3, 40.0), q_NB=quat_from_rpy(0.3, -0.4, 2.0), v_NB_B=(2.0, -1.0, 0.5),
         w_NB_B=(0.1, 0.2, -0.3), nu_dot=(0.1, 0.2, 0.3, 0.4, 0.5, 0.6),

@@ -16,7 +16,7 @@ from uwserver.scenario.files.documents import shipped
 from uwserver.scenario.vehicle.profiles import check_profile
 from uwserver.sensors import ImuConfig, Pose, Scope
 from uwserver.sensors.alone import Alone
-from uwserver.sensors.bank import HEAD, read
+from uwserver.sensors.compiled import HEAD, read
 from uwserver.sensors.motion.imu import Imu, ImuMemory
 from uwserver.sensors.motion.triad import HUMP, TriadErrors, TriadMemory
 
@@ -44,14 +44,14 @@ def imus(errors, count, dt):
 
 def record(errors, n, dt, triads=60):
     """(n, 3 triads) readings of gyroscopes at rest."""
-    heads, rows = Pool(HEAD, triads), Pool(Imu.bank.record, triads)
+    heads, rows = Pool(HEAD, triads), Pool(Imu.kernel.record, triads)
     for imu in imus(errors, triads, dt):
         imu.enter(heads, rows)
     heads.rows["first"], heads.rows["width"], heads.rows["dt"] = 7 * np.arange(triads), 7, dt
     there, numbers, readings = Alone(STILL), np.zeros(7 * triads), []
     for number in range(n):
         heads.rows["number"] = number
-        read(Imu.bank, heads.rows, rows.rows, numbers, np.arange(triads), there.table, 0.0, STILL.geometry)
+        read(Imu.kernel, heads.rows, rows.rows, numbers, np.arange(triads), there.table, 0.0, STILL.geometry)
         readings.append(numbers.reshape(triads, 7)[:, 3:6].ravel())
     return np.array(readings)
 

@@ -36,10 +36,11 @@ from uwserver.sensors.acoustic.doppler.cell_echoes import (
 )
 from uwserver.sensors.acoustic.doppler.janus import Mapping, directions_of, slanted, solve_levels
 from uwserver.sensors.acoustic.echo import SOUND_SPEED_ARGUMENT, fill_row, or_truth, pings
-from uwserver.sensors.bank import (
+from uwserver.sensors.base import Distance, Pose, SensorTable, Settings, SoundSpeed, Traits
+from uwserver.sensors.compiled import (
     MISSING,
-    Bank,
-    BankSensor,
+    CompiledSensor,
+    SensorKernel,
     aim_loop,
     multiply,
     p_NS,
@@ -49,7 +50,6 @@ from uwserver.sensors.bank import (
     rotate,
     water_property,
 )
-from uwserver.sensors.base import Distance, Pose, SensorTable, Settings, SoundSpeed, Traits
 from uwserver.table import NonNegative, Positive
 from uwserver.units import rad
 
@@ -266,14 +266,14 @@ def measure(
         head.valid = 1 if _profile(head, row, now, t, direction, begin, end, hits, out) else 0
 
 
-class Adcp(BankSensor):
+class Adcp(CompiledSensor):
     """Gives a profile of the water's velocity, relative to the device and over ground, and what each beam measured."""
 
     doc = (
         "Current profiler: velocity of the water in cells along its beams, relative to the mount and, with bottom track, over ground; velocity "
         "of the mount over ground and altitude; velocity, echo and correlation of each beam. Valid with at least one cell."
     )
-    bank = Bank(_RECORD, ray_loop(measure), (aim_loop(aim), aim_at_boundaries))
+    kernel = SensorKernel(_RECORD, ray_loop(measure), (aim_loop(aim), aim_at_boundaries))
     random = ("sigma", "bottom_sigma", "bottom_range_sigma")
     memory_type = AdcpMemory
     settings: AdcpSettings

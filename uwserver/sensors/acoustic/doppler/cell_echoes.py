@@ -1,6 +1,6 @@
 """What the beams of a current profiler hear (compiled): the water in their cells, bottom and surface through their side lobes, and the bottom ahead.
 
-In all functions `head` is the row of the sensor in `bank.HEAD`, `row` its record (see `adcp`), and `now` its surroundings.
+In all functions `head` is the row of the sensor in `compiled.HEAD`, `row` its record (see `adcp`), and `now` its surroundings.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from uwserver.physics.kernel.random import SAMPLE, normals
 from uwserver.physics.rays.raycast import SURFACE
 from uwserver.sensors.acoustic.doppler.janus import altitude_of, count_values, inverse_of, vector_of
 from uwserver.sensors.acoustic.echo import MU_SEDIMENT, lay_ray
-from uwserver.sensors.bank import (
+from uwserver.sensors.compiled import (
     echo_of,
     meet_surface,
     p_NS,

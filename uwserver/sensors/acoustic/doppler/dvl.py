@@ -28,10 +28,11 @@ from uwserver.sensors.acoustic.doppler.janus import (
     track_water,
 )
 from uwserver.sensors.acoustic.echo import MU_SEDIMENT, SOUND_SPEED_ARGUMENT, fill_row, lay_ray, or_truth, pings
-from uwserver.sensors.bank import (
+from uwserver.sensors.base import Distance, Pose, SensorTable, Settings, SoundSpeed, Traits, out_of_range
+from uwserver.sensors.compiled import (
     MISSING,
-    Bank,
-    BankSensor,
+    CompiledSensor,
+    SensorKernel,
     aim_loop,
     conjugate,
     echo_of,
@@ -49,7 +50,6 @@ from uwserver.sensors.bank import (
     water_property,
     water_velocity,
 )
-from uwserver.sensors.base import Distance, Pose, SensorTable, Settings, SoundSpeed, Traits, out_of_range
 from uwserver.table import NonNegative, Positive, Probability, Vector3
 from uwserver.units import rad
 
@@ -295,14 +295,14 @@ def measure(
     head.delay_ns = rounded_ns(delay + row.processing)
 
 
-class Dvl(BankSensor):
+class Dvl(CompiledSensor):
     """Gives velocity over ground and through the water, altitude, and what each beam measured."""
 
     doc = (
         "Doppler velocity log: velocity of the mount over ground (valid with at least three beams in lock) and relative to a layer of water, "
         "altitude along the axis, and what each beam measured."
     )
-    bank = Bank(_RECORD, ray_loop(measure), (aim_loop(aim),))
+    kernel = SensorKernel(_RECORD, ray_loop(measure), (aim_loop(aim),))
     random = ("beam_sigma", "range_sigma", "mistake_sigma", "water_sigma")
     memory_type = DvlMemory
     settings: DvlSettings

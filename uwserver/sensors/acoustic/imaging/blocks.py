@@ -17,7 +17,7 @@ from uwserver.physics.rays.raycast import Hits
 from uwserver.sensors.acoustic.imaging.fan import CELL
 from uwserver.sensors.acoustic.imaging.silhouettes import CUT
 from uwserver.sensors.acoustic.imaging.speckle import PHASORS, WAYS
-from uwserver.sensors.bank import meet_surface
+from uwserver.sensors.compiled import meet_surface
 
 FORMS: Forms = {
     "cells": CELL,  # of the fan (n)

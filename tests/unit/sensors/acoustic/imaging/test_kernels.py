@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from uwserver.sensors.acoustic.imaging import kernels
-from uwserver.world import banks
+from uwserver.world import kernel_stages
 
 
 def test_all_that_python_calls_is_compiled_ahead() -> None:
-    banks.load("pictures")
+    kernel_stages.load("pictures")
     assert all(kernel.made().signatures for kernel in kernels.KERNELS)
-    assert len(set(banks.kernels_of("pictures"))) == len(kernels.KERNELS)
+    assert len(set(kernel_stages.kernels_of("pictures"))) == len(kernels.KERNELS)

@@ -1,4 +1,4 @@
-"""Sensors as rows of a bank: each reads as it would alone, whoever else is due; what it remembers goes with it, and can be told and set."""
+"""Sensors as rows of the same arrays: each reads as it would alone, whoever else is due; what it remembers goes with it, and can be told and set."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from uwserver.sensors import (
 )
 from uwserver.sensors.acoustic.altimeter import AltimeterMemory
 from uwserver.sensors.alone import Alone
-from uwserver.sensors.bank import HEAD, read
+from uwserver.sensors.compiled import HEAD, read
 from uwserver.sensors.motion.triad import TriadErrors
 from uwserver.sensors.water.sound_speed import SoundSpeedMemory
 from uwserver.testing.fake_geometry import FakeGeometry, Plane
@@ -41,8 +41,8 @@ class Together:
     """Sensors of one kind in shared arrays, as in a world."""
 
     def __init__(self, sensors):
-        self.sensors, self.bank = sensors, sensors[0].bank
-        self.heads, self.rows, self.numbers = Pool(HEAD, 1), Pool(self.bank.record, 1), Pool(np.float64, 1)
+        self.sensors, self.kernel = sensors, sensors[0].kernel
+        self.heads, self.rows, self.numbers = Pool(HEAD, 1), Pool(self.kernel.record, 1), Pool(np.float64, 1)
         for sensor in sensors:
             sensor.enter(self.heads, self.rows)
             columns = Columns(sensor.fields)
@@ -55,7 +55,7 @@ class Together:
         there = Alone(scope)
         heads = np.array([self.sensors[k].head for k in due])
         arrays = self.heads.rows, self.rows.rows, self.numbers.rows
-        read(self.bank, *arrays, heads, there.table, scope.t, scope.geometry)
+        read(self.kernel, *arrays, heads, there.table, scope.t, scope.geometry)
         return [self._told(self.sensors[k]) for k in due]
 
     def _told(self, sensor):
@@ -97,23 +97,23 @@ def several(config, count=4):
 )
 @pytest.mark.parametrize("due", [[0, 1, 2, 3], [3, 1, 0, 2], [2]], ids=str)
 def test_each_reads_as_it_would_alone(scope, config, due):
-    bank, alone = Together(several(config)), several(config)
+    together, alone = Together(several(config)), several(config)
     for step in range(3):
         instant = at(scope, float(step), p_NB=(1.0, 2.0, 5.0 + step), v_NB_B=(0.5, 0.1, -0.2), geometry=BOTTOM)
-        for sensor in bank.sensors:
+        for sensor in together.sensors:
             sensor.begin(step)
         expected = [told(alone[k].sense(instant)) for k in due]
         assert None not in expected
-        assert bank.read(instant, due) == expected
+        assert together.read(instant, due) == expected
         for k in due:
-            assert bank.sensors[k].memory == alone[k].memory
+            assert together.sensors[k].memory == alone[k].memory
 
 
 def test_rays_are_those_of_the_sensor_though_one_among_them_is_silent(scope):
-    bank, alone = Together(several(ECHO)), several(ECHO)
-    bank.heads.rows["silent"][bank.sensors[1].head] = 1
+    together, alone = Together(several(ECHO)), several(ECHO)
+    together.heads.rows["silent"][together.sensors[1].head] = 1
     instant = at(scope, 0.0, geometry=BOTTOM)
-    readings = bank.read(instant, [0, 1, 2, 3])
+    readings = together.read(instant, [0, 1, 2, 3])
     assert readings[1] is None
     assert [readings[k] for k in (0, 2, 3)] == [told(alone[k].sense(instant)) for k in (0, 2, 3)]
     assert len({reading[2] for reading in readings if reading}) == 3
@@ -137,7 +137,7 @@ class Drawn(Sensor):
 
 
 def test_the_numbers_of_a_reading_are_those_of_its_number_alone(scope):
-    """Of a kind in a bank, and of one in plain Python."""
+    """Of a kind in compiled code, and of one in plain Python."""
     instant = at(scope, 1.0)
     for made in (lambda: started(NOISY), Drawn):
         one, other = made(), made()
@@ -182,7 +182,7 @@ def test_it_takes_what_it_remembers_with_it(scope):
     sensor.sense(at(scope, 5.0, geometry=BOTTOM))
     ready = sensor.memory.ready
     assert ready > 5.0
-    heads, rows = Pool(HEAD, 1), Pool(sensor.bank.record, 1)
+    heads, rows = Pool(HEAD, 1), Pool(sensor.kernel.record, 1)
     heads.take(3)
     sensor.enter(heads, rows)
     assert (sensor.head, sensor.memory) == (3, AltimeterMemory(ready=ready))
@@ -205,7 +205,7 @@ def test_a_nested_memory_is_told_and_set():
 def test_a_record_beyond_the_limits_is_no_memory():
     """It may come from a file."""
     sensor = started(ECHO)
-    row = np.zeros((), sensor.bank.record["m"])
+    row = np.zeros((), sensor.kernel.record["m"])
     for ready in (np.nan, -2.0, 1e18):
         row["ready"] = ready
         with pytest.raises(msgspec.ValidationError):

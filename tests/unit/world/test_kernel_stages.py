@@ -9,7 +9,7 @@ import pytest
 
 import uwserver.sensors
 from uwserver.physics.kernel.deferred import Deferred
-from uwserver.world import banks
+from uwserver.world import kernel_stages
 
 
 def test_every_loop_of_a_sensor_belongs_to_a_stage() -> None:
@@ -20,12 +20,12 @@ def test_every_loop_of_a_sensor_belongs_to_a_stage() -> None:
         for name, value in vars(importlib.import_module(module.name)).items():
             if isinstance(value, Deferred) and value._form == "entry" and name.startswith(("aim", "refine")):
                 made.append(value)
-            elif isinstance(value, type) and value.__module__ == module.name and "bank" in vars(value):
-                bank = vars(value)["bank"]
-                made += [bank.run, *bank.aims]
+            elif isinstance(value, type) and value.__module__ == module.name and "kernel" in vars(value):
+                kernel = vars(value)["kernel"]
+                made += [kernel.run, *kernel.aims]
         loops |= {f"{module.name.rpartition('.')[2]}.{kernel.py_func.__qualname__}" for kernel in made}
     kernels = {
-        name.partition("+")[0] for stage in ("sensors", "soundings", "sonars") for name in banks.kernels_of(stage)
+        name.partition("+")[0] for stage in ("sensors", "soundings", "sonars") for name in kernel_stages.kernels_of(stage)
     }
     assert loops
     assert kernels == loops | {
@@ -36,9 +36,9 @@ def test_every_loop_of_a_sensor_belongs_to_a_stage() -> None:
     }
 
 
-@pytest.mark.parametrize("stage", banks.STAGES)
+@pytest.mark.parametrize("stage", kernel_stages.STAGES)
 def test_a_stage_loads_the_kernels_that_it_names(stage: str) -> None:
-    banks.load(stage)
-    kernels = list(banks.STAGES[stage]()[1])
-    assert len(kernels) == len(banks.kernels_of(stage)) > 0
+    kernel_stages.load(stage)
+    kernels = list(kernel_stages.STAGES[stage]()[1])
+    assert len(kernels) == len(kernel_stages.kernels_of(stage)) > 0
     assert all(kernel.signatures for kernel in kernels)

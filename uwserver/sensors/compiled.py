@@ -1,7 +1,7 @@
 """Sensors whose readings compiled code makes: all sensors of a kind are rows of arrays, and one kernel reads those that are due.
 
 Such a kind has, in one file, its table, its fields, the record of one sensor (`record`), and the kernel ``measure(head, row, now, t, out)``, which
-reads the world for one sensor: ``bank = Bank(RECORD, loop(measure))``, or `ray_loop` if it casts rays.
+reads the world for one sensor: ``kernel = SensorKernel(RECORD, loop(measure))``, or `ray_loop` if it casts rays.
 
 `measure` asks the world through the functions of `uwserver.sensors.instant`. A reading is valid, and of this instant, unless `measure` sets
 `valid`, `ready`, `delay_ns` or `since_ns` of its head. It draws the random numbers of `head.key` and `head.number`.
@@ -78,7 +78,7 @@ def record(parameters: list[Any], memory: list[Any] | None = None) -> np.dtype[A
     return np.dtype([*parameters, ("rest", "u1", (rest,)), kept] if rest else [*parameters, kept])
 
 
-class Bank(NamedTuple):
+class SensorKernel(NamedTuple):
     """The record type and the kernels of a kind.
 
     A loop that aims has the arguments of `run`, and then arrays of rays to fill in: `origin` and `direction` (n, 3) in N, and `first` (m + 1), the
@@ -184,29 +184,29 @@ def _aiming(aim: Deferred) -> Any:
     return _named_as(aim_all, aim).made()
 
 
-def kernels(bank: Bank) -> tuple[Any, ...]:
+def loops_of(kernel: SensorKernel) -> tuple[Any, ...]:
     """Return the compiled loops of a kind: those that aim, then `run`."""
-    run = bank.run.made() if bank.aims or bank.acts else _shared(bank.run)
-    return (*(_aiming(aim) for aim in bank.aims), run)
+    run = kernel.run.made() if kernel.aims or kernel.acts else _shared(kernel.run)
+    return (*(_aiming(aim) for aim in kernel.aims), run)
 
 
 @cache
-def load(bank: Bank) -> None:
+def load(kernel: SensorKernel) -> None:
     """Load the loops of a kind, from the cache or by compiling them, so that no tick waits for them.
 
     Raises:
         RuntimeError: numba cannot compile a loop (the text says where it is and why), or there are too many loops that aim.
     """
     none, rays = np.zeros(0, np.int64), np.empty((0, 3))
-    given = np.zeros(0, HEAD), np.zeros(0, bank.record), np.empty(0), none, np.zeros((0, 2), np.int64), 0.0
+    given = np.zeros(0, HEAD), np.zeros(0, kernel.record), np.empty(0), none, np.zeros((0, 2), np.int64), 0.0
     hit = (rays, none, no_hits(0))
-    if len(bank.aims) > _MOST_AIMS:
-        where = bank.run.py_func.__code__.co_filename
-        raise RuntimeError(f"{where}: {len(bank.aims)} loops that aim, at most {_MOST_AIMS} are possible")
-    rest = (*((rays, *hit) for _ in bank.aims), hit if bank.aims else ())
-    for written, kernel, more in zip((*bank.aims, bank.run), kernels(bank), rest, strict=True):
+    if len(kernel.aims) > _MOST_AIMS:
+        where = kernel.run.py_func.__code__.co_filename
+        raise RuntimeError(f"{where}: {len(kernel.aims)} loops that aim, at most {_MOST_AIMS} are possible")
+    rest = (*((rays, *hit) for _ in kernel.aims), hit if kernel.aims else ())
+    for written, made, more in zip((*kernel.aims, kernel.run), loops_of(kernel), rest, strict=True):
         try:
-            kernel.load(*given, *more)
+            made.load(*given, *more)
         except Exception as error:  # numba may raise anything
             code = written.py_func.__code__
             place = f"{code.co_filename}:{code.co_firstlineno}"
@@ -215,26 +215,26 @@ def load(bank: Bank) -> None:
             ) from error
 
 
-def codes_of(bank: Bank) -> tuple[int, ...]:
+def codes_of(kernel: SensorKernel) -> tuple[int, ...]:
     """Return the addresses of the loops that aim and of `run`, for kernels that call them (`kernel.calling`). They must be loaded."""
-    *aims, run = kernels(bank)
+    *aims, run = loops_of(kernel)
     return (*(address_of(aim, "float64") for aim in aims), address_of(run, "none"))
 
 
 def read(
-    bank: Bank, heads: Array, rows: Array, numbers: FloatArray, due: IntArray, now: IntArray, t: float, solids: Geometry
+    kernel: SensorKernel, heads: Array, rows: Array, numbers: FloatArray, due: IntArray, now: IntArray, t: float, solids: Geometry
 ) -> None:
     """Let sensors of a kind read outside a world. In a world `step.readings` does this.
 
     Args:
-        bank: the kind.
+        kernel: the kind.
         heads, rows, numbers: the arrays of the sensors.
         due: (m) numbers of heads.
         now: the table of what they see (`surroundings.FORMS`).
         t: simulation time, s.
         solids: the things that rays can hit.
     """
-    *aims, run = kernels(bank)
+    *aims, run = loops_of(kernel)
     if not aims:
         run(heads, rows, numbers, due, now, t)
         return
@@ -246,11 +246,11 @@ def read(
     run(heads, rows, numbers, due, now, t, direction, first, hits)
 
 
-class BankSensor(Sensor):
+class CompiledSensor(Sensor):
     """A sensor whose readings compiled code makes. Its data are rows of arrays: arrays of its own, or those of a world that it has entered.
 
     Attributes:
-        bank: record type and kernels of its kind.
+        kernel: record type and kernels of its kind.
         exact: it has no errors of its own.
         rays: most rays that it casts in a reading.
         sees_own: its rays also meet the body that carries it.
@@ -260,14 +260,14 @@ class BankSensor(Sensor):
         key: key of its random numbers; None until it is switched on.
     """
 
-    bank: ClassVar[Bank]
+    kernel: ClassVar[SensorKernel]
     memory_type: ClassVar[type[Memory]] = Memory
     exact = sees_own = False
     rays = 0
     random: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, mount: Pose = Pose(), settings: Settings | None = None) -> None:  # noqa: B008 - frozen
-        self.heads, self.rows = Pool(HEAD, 1), Pool(self.bank.record, 1)
+        self.heads, self.rows = Pool(HEAD, 1), Pool(self.kernel.record, 1)
         self.head, self.row = self.heads.take(1), self.rows.take(1)
         head = self.heads.rows[self.head]
         head["p"], head["q"], head["to_S"] = mount.p, mount.q, conjugated(mount.q)
@@ -283,7 +283,7 @@ class BankSensor(Sensor):
         head, row = self.heads.rows[self.head], self.rows.rows[self.row]
         head["key"], head["number"] = key, 0
         self.fill(row)
-        row["m"] = np.zeros((), self.bank.record["m"])
+        row["m"] = np.zeros((), self.kernel.record["m"])
         self.turn_on_row(row["m"])
 
     def begin(self, number: int) -> None:
@@ -300,7 +300,7 @@ class BankSensor(Sensor):
     def leave(self) -> None:
         """Move out again, into arrays of its own."""
         heads, head, rows, row = self.heads, self.head, self.rows, self.row
-        self.enter(Pool(HEAD, 1), Pool(self.bank.record, 1))
+        self.enter(Pool(HEAD, 1), Pool(self.kernel.record, 1))
         heads.give_back(head, 1)
         rows.give_back(row, 1)
 
@@ -351,13 +351,13 @@ class BankSensor(Sensor):
         if self.key is None:
             self.start(0)
         columns, there = Columns(self.fields), Alone(scope, self.voices())
-        numbers, heads, rows = np.zeros(max(1, columns.width)), Pool(HEAD, 1), Pool(self.bank.record, 1)
+        numbers, heads, rows = np.zeros(max(1, columns.width)), Pool(HEAD, 1), Pool(self.kernel.record, 1)
         heads.rows[0], rows.rows[0] = self.heads.rows[self.head], self.rows.rows[self.row]
         head = heads.rows[0]
         head["row"] = head["body"] = head["first"] = head["voice"] = 0
         head["width"], head["dt"] = columns.width, self.dt
         solids = (scope if self.sees_own else scope.without_own_body()).geometry
-        read(self.bank, heads.rows, rows.rows, numbers, np.zeros(1, np.int64), there.table, scope.t, solids)
+        read(self.kernel, heads.rows, rows.rows, numbers, np.zeros(1, np.int64), there.table, scope.t, solids)
         self.rows.rows[self.row] = rows.rows[0]
         if not head["ready"]:
             return None
@@ -371,7 +371,7 @@ class BankSensor(Sensor):
 _Config = TypeVar("_Config", bound=SensorTable)
 
 
-class TableSensor(BankSensor, Generic[_Config]):
+class TableSensor(CompiledSensor, Generic[_Config]):
     """A compiled sensor that keeps its table. If the table has the key `ideal`, it decides whether the sensor is exact."""
 
     def __init__(self, mount: Pose, config: _Config, settings: Settings | None = None) -> None:

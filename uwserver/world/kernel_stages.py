@@ -12,42 +12,42 @@ from uwserver.environment.acoustics import channel
 from uwserver.modifiers import choosing
 from uwserver.physics.kernel.fingerprint import kernel_name
 from uwserver.physics.kernel.random import draw_normals
-from uwserver.sensors import bank, truth
-from uwserver.sensors.acoustic.cross_talk import BankSonar
-from uwserver.sensors.bank import Bank, BankSensor
+from uwserver.sensors import compiled, truth
+from uwserver.sensors.acoustic.cross_talk import CompiledSonar
+from uwserver.sensors.compiled import CompiledSensor, SensorKernel
 
 Stage = tuple[Callable[[], None], Iterable[Any]]
 """A function that loads the kernels of a stage, and these kernels."""
 
 
-def _kinds(base: type[BankSensor]) -> Iterator[type[BankSensor]]:
+def _kinds(base: type[CompiledSensor]) -> Iterator[type[CompiledSensor]]:
     for kind in base.__subclasses__():
         if kind.__module__.startswith("uwserver."):
             yield kind
             yield from _kinds(kind)
 
 
-def _stage_of(kind: type[BankSensor]) -> str:
-    if issubclass(kind, BankSonar):
+def _stage_of(kind: type[CompiledSensor]) -> str:
+    if issubclass(kind, CompiledSonar):
         return "sonars"
-    return "soundings" if kind.bank.aims else "sensors"
+    return "soundings" if kind.kernel.aims else "sensors"
 
 
-def _banks_of(stage: str) -> Iterable[Bank]:
-    """Return the banks of all sensor kinds of a stage: `sonars`, other kinds that cast rays (`soundings`), or kinds that cast none (`sensors`)."""
+def _sensor_kernels(stage: str) -> Iterable[SensorKernel]:
+    """Return the kernels of all sensor kinds of a stage: `sonars`, other kinds that cast rays (`soundings`), or kinds that cast none (`sensors`)."""
     assert truth  # No table names its kinds, so nothing else imports them.
-    kinds = [kind for kind in _kinds(BankSensor) if "bank" in vars(kind)]
-    return {id(kind.bank): kind.bank for kind in kinds if _stage_of(kind) == stage}.values()
+    kinds = [kind for kind in _kinds(CompiledSensor) if "kernel" in vars(kind)]
+    return {id(kind.kernel): kind.kernel for kind in kinds if _stage_of(kind) == stage}.values()
 
 
-def _of_banks(stage: str) -> Stage:
-    banks = _banks_of(stage)
+def _sensor_stage(stage: str) -> Stage:
+    kernels = _sensor_kernels(stage)
 
     def load() -> None:
-        for each in banks:
-            bank.load(each)
+        for each in kernels:
+            compiled.load(each)
 
-    return load, [kernel for each in banks for kernel in bank.kernels(each)]
+    return load, [loop for each in kernels for loop in compiled.loops_of(each)]
 
 
 # These functions import their kernels themselves: a world needs few stages, and imports take time.
@@ -55,7 +55,7 @@ def _sensors() -> Stage:
     from uwserver.modifiers import chain
     from uwserver.step import delivery, tick
 
-    load_banks, kernels = _of_banks("sensors")
+    load_sensors, kernels = _sensor_stage("sensors")
 
     def load() -> None:
         delivery.load()
@@ -63,7 +63,7 @@ def _sensors() -> Stage:
         choosing.load()
         chain.load()
         draw_normals(0, 1)
-        load_banks()
+        load_sensors()
 
     return load, [delivery.deliver, tick.step, chain.disturb_alone.made(), choosing.choose_samples.made(), *kernels]
 
@@ -99,8 +99,8 @@ def _copies() -> Stage:
 
 STAGES: dict[str, Callable[[], Stage]] = {
     "sensors": _sensors,
-    "soundings": partial(_of_banks, "soundings"),
-    "sonars": partial(_of_banks, "sonars"),
+    "soundings": partial(_sensor_stage, "soundings"),
+    "sonars": partial(_sensor_stage, "sonars"),
     "sound": _sound,
     "pictures": _pictures,
     "autopilots": _autopilots,
