@@ -30,7 +30,7 @@ TWO_CORES_BAR, THRUST_BAR = 10.0, 45.0
 CLIENT_BAR = 0.7
 """Least rate with a client, as a part of BARS and of the rate without a client."""
 NOISE_BAR_US, SAMPLE_BAR_US = 0.3, 0.7
-BANK = 100
+AT_ONCE = 100
 LARGE, LARGE_BAR, LARGE_MEMORY_BAR_MB, LARGE_LOAD_BAR_S = 1000, 1.0, 1500.0, 10.0
 COUNTS = (10, 500, LARGE)
 """Numbers of vehicles between which the growth of the cost is measured."""
@@ -193,12 +193,12 @@ def _alone(effort: dict[str, Any], say: _Say) -> list[Row]:
 
 def _samples(effort: dict[str, Any], say: _Say) -> list[Row]:
     """Measure the cost of one sample in a world with many sensors of a kind."""
-    say("swarm: samples in a bank")
-    found = _world("read", vehicles=BANK, **effort | {"seconds": 0.2 * effort["seconds"]})
+    say("swarm: samples of many sensors at once")
+    found = _world("read", vehicles=AT_ONCE, **effort | {"seconds": 0.2 * effort["seconds"]})
     noise, sample = tuple(found["noise_us"]), tuple(found["sample_us"])
     return [
         Row("swarm", "white noise on a 3-vector, a sample", "us", noise, at_most=NOISE_BAR_US),
-        Row("swarm", f"IMU sample with all errors, in a bank of {BANK}", "us", sample, at_most=SAMPLE_BAR_US),
+        Row("swarm", f"IMU sample with all errors, of {AT_ONCE} at once", "us", sample, at_most=SAMPLE_BAR_US),
     ]
 
 

@@ -113,7 +113,7 @@ def test_each_bar_of_the_specification_is_judged(run: tuple[dict, str]) -> None:
     assert bars["100 vehicles, sensors and autopilot, one core"] == 6.0
     assert bars["server of 10 vehicles: what the client leaves of the rate"] == 0.85
     assert bars["white noise on a 3-vector, a sample"] == 0.3
-    assert bars["IMU sample with all errors, in a bank of 100"] == 0.7
+    assert bars["IMU sample with all errors, of 100 at once"] == 0.7
     assert bars["memory of a vehicle with sensors and autopilot"] == 200.0
     assert bars["what the clients add to it"] == 0.3
     assert bars["command, 10 connections: p99"] == 6.0

@@ -150,7 +150,7 @@ def _gather(table: Array) -> None:
 
 @compiled
 def _aim(table: Array, sensors: Array, kind: Any, due: Array, records: Array, t: float) -> Hits:
-    """Cast the rays of the sensors of one kind, once for each time that the kind aims (`sensors.compiled.SensorKernel`). Returns what the last rays hit."""
+    """Cast the rays of the sensors of one kind, once for each time that the kind aims (`SensorKernel.aims`). Returns what the last rays hit."""
     course, now, heads, numbers = _course(table)[0], _now(table), _heads(sensors), _numbers(sensors)
     first, past = _first(table)[: len(due) + 1], _past(table)
     origin, direction = _origin(table), _direction(table)
