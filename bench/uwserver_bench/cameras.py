@@ -79,7 +79,7 @@ def bench_cameras(quick: bool, say: Callable[[str], None]) -> list[Row]:
 def pictures_hz(world: World, name: str) -> float:
     """Return the number of pictures per second of processor time, of the work in the tick and of the work in a worker thread."""
     sensor: Any = world.sensors[f"rov/{name}"].sensor
-    scope = world.instruments.scopes(world.t_ns, False)(world.vehicles["rov"].row, None)
+    scope = world.sensor_arrays.scopes(world.t_ns, False)(world.vehicles["rov"].row, None)
     start = time.thread_time_ns()
     begun = sensor.sense(scope)
     assert isinstance(begun, Begun)

@@ -113,7 +113,7 @@ def read(task: Mapping[str, Any]) -> dict[str, object]:
     due = {kind: _heads(world, task["vehicles"], kind) for kind in ("inertial", "exact", "noisy")}
     sensor = world.sensors[f"{names(1)[0]}/inertial"].sensor
     assert isinstance(sensor, CompiledSensor)
-    here, kernel, count, now = world.instruments, sensor.kernel, task["vehicles"], world.t_ns
+    here, kernel, count, now = world.sensor_arrays, sensor.kernel, task["vehicles"], world.t_ns
     # Time goes on, so that samples in flight arrive as in a world, although no vehicle moves.
     times = itertools.count(now, NANOSECONDS // RATE_HZ)
 

@@ -19,9 +19,9 @@ from uwserver.ports import Argument, Field, Port, Sample
 from uwserver.sensors import Sensor
 from uwserver.sensors.base import SEDIMENT, Settings
 from uwserver.world.components import SensorStream
-from uwserver.world.instruments import Around, Instruments
 from uwserver.world.piloting import Pilots
 from uwserver.world.sensing import Sensing
+from uwserver.world.sensor_arrays import Around, SensorArrays
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.step_table import StepTable
 from uwserver.world.stepping import Stepping
@@ -137,9 +137,9 @@ class Rig:
         hydro.state = np.zeros((1, 13))
         around = Around({}, Earth(), OpenWater(), SEDIMENT)
         water = Water(1000.0, 9.81, 10.0, 101325.0, (0.0, 0.0, 0.0))
-        self.instruments = Instruments(hydro, water, lambda: around)
-        self.sensing = Sensing(self.slots, self.instruments)
-        given = StepTable(hydro, water, self.instruments, self.sensing, Pilots(hydro), rate_hz)
+        self.sensor_arrays = SensorArrays(hydro, water, lambda: around)
+        self.sensing = Sensing(self.slots, self.sensor_arrays)
+        given = StepTable(hydro, water, self.sensor_arrays, self.sensing, Pilots(hydro), rate_hz)
         self.stepping = Stepping(given, lambda tick: None, lambda: False)
         self.settle()
 

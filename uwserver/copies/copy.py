@@ -68,7 +68,7 @@ class Copy:
     def move(self, place: Place) -> None:
         """Move everything that a tick writes to other memory."""
         self.world.hydro.move(place)
-        self.world.instruments.move(place)
+        self.world.sensor_arrays.move(place)
         self.world.stepping.given.move(place)
         self._find_arrays()
 
@@ -96,12 +96,12 @@ class Copy:
         _share(given.table, rows.FORMS, _SCHEDULE, given.rows, constants)
 
     def _arrays(self) -> list[Any]:
-        hydro, instruments = self.world.hydro, self.world.instruments
+        hydro, sensor_arrays = self.world.hydro, self.world.sensor_arrays
         arrays = [getattr(hydro, name) for name in _RUNNING]
         arrays += [
-            pool.rows for pool in (instruments.heads, instruments.streams, instruments.operations, instruments.voices)
+            pool.rows for pool in (sensor_arrays.heads, sensor_arrays.streams, sensor_arrays.operations, sensor_arrays.voices)
         ]
-        arrays += [instruments.numbers.rows, *(instruments.rows_of(kernel).rows for kernel in self.kernels.values())]
+        arrays += [sensor_arrays.numbers.rows, *(sensor_arrays.rows_of(kernel).rows for kernel in self.kernels.values())]
         return arrays
 
     # -- the start ------------------------------------------------------------------------------------------------------------------
@@ -124,7 +124,7 @@ class Copy:
             part.load(state)
         self.world.parts["world/commands"].load(None)
         self.world.hydro.touching.keep(NO_IMPULSES)
-        self.world.instruments.send_on_their_way(0, _NO_ENTRIES, _NO_NUMBERS)
+        self.world.sensor_arrays.send_on_their_way(0, _NO_ENTRIES, _NO_NUMBERS)
         for live, kept in zip(self._live, self._kept, strict=True):
             live[:] = kept
 
@@ -147,10 +147,10 @@ class Copy:
     @property
     def row(self) -> tuple[int, ...]:
         """Addresses of the arrays now, as `step.rows.COPY`."""
-        given, instruments = self.world.stepping.given, self.world.instruments
-        sensors, values, told_values = instruments.to_deliver()
+        given, sensor_arrays = self.world.stepping.given, self.world.sensor_arrays
+        sensors, values, told_values = sensor_arrays.to_deliver()
         tables = given.table, sensors, self.world.hydro.table, values, told_values
-        return *(table.ctypes.data for table in tables), values.shape[1], *instruments.room, self.world.tick, DONE
+        return *(table.ctypes.data for table in tables), values.shape[1], *sensor_arrays.room, self.world.tick, DONE
 
 
 def for_copies(name: str, given: Any, shape: tuple[int, ...], which: IntArray) -> FloatArray:

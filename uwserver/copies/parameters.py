@@ -93,7 +93,7 @@ class Parameters:
             world.set_current((north, east, down))
         for slot in world.sensors.values():
             if "/truth/" not in slot.path:
-                world.instruments.heads.rows["latency_ns"][slot.head] += round(float(values["latency"]) * NANOSECONDS)
+                world.sensor_arrays.heads.rows["latency_ns"][slot.head] += round(float(values["latency"]) * NANOSECONDS)
                 _scale_errors(copy, slot, float(values["noise"]))
 
 
@@ -136,7 +136,7 @@ def _change_bodies(copy: Copy, mass: float, added_mass: float, damping: float) -
 
 def _scale_errors(copy: Copy, slot: SensorSlot, factor: float) -> None:
     """Scale the random errors of a sensor: those of its kind (`CompiledSensor.random`), and those of its modifiers."""
-    sensor, instruments = slot.sensor, copy.world.instruments
+    sensor, sensor_arrays = slot.sensor, copy.world.sensor_arrays
     if factor == 1.0 or not isinstance(sensor, CompiledSensor):
         return
     row = sensor.rows.rows[sensor.row]
@@ -146,9 +146,9 @@ def _scale_errors(copy: Copy, slot: SensorSlot, factor: float) -> None:
         for part in outer:
             record = record[part]
         record[name] *= factor
-    operations, numbers = instruments.operations.rows, instruments.numbers.rows
+    operations, numbers = sensor_arrays.operations.rows, sensor_arrays.numbers.rows
     for k in slot.stream_numbers:
-        stream = instruments.streams.rows[k]
+        stream = sensor_arrays.streams.rows[k]
         for op in operations[stream["operation_first"] : stream["operation_first"] + stream["operation_count"]]:
             code = int(op["code"])
             if code in (WHITE, GAUSS_MARKOV):

@@ -11,8 +11,8 @@ import numpy as np
 from uwserver.physics.kernel.arrays import IntArray
 from uwserver.sensors import Scope
 from uwserver.sensors.compiled import CompiledSensor
-from uwserver.world.instruments import Instruments
 from uwserver.world.profile import Timer, kind_of
+from uwserver.world.sensor_arrays import SensorArrays
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.timetable import is_repeated, is_written
 
@@ -49,9 +49,9 @@ class _Work(NamedTuple):
 class ByHand:
     """Does the Python work of a world's sensors. It is made anew whenever other sensors are due."""
 
-    def __init__(self, slots: Mapping[int, SensorSlot], instruments: Instruments, timed: Timer) -> None:
-        """Take the sensors by the numbers of their heads in these instruments. `timed` wraps each function for a profile."""
-        self._slots, self._instruments, self._timed = slots, instruments, timed
+    def __init__(self, slots: Mapping[int, SensorSlot], sensor_arrays: SensorArrays, timed: Timer) -> None:
+        """Take the sensors by the numbers of their heads in these arrays. `timed` wraps each function for a profile."""
+        self._slots, self._sensor_arrays, self._timed = slots, sensor_arrays, timed
         self._work: dict[bytes, _Work] = {}
         self._writes_texts = False
 
@@ -59,7 +59,7 @@ class ByHand:
         """Read the due sensors that are written in Python, then make the errors that are written in Python."""
         work = self._work_for(due)
         if work.in_python:
-            scope_of = self._instruments.scopes(t_ns, work.needs_rates)
+            scope_of = self._sensor_arrays.scopes(t_ns, work.needs_rates)
             for slot, read in work.in_python:
                 read(scope_of(slot.row, slot.wiring))
         for take in work.loose:
@@ -95,7 +95,7 @@ class ByHand:
         return work
 
     def _find_work(self, slots: Sequence[SensorSlot]) -> _Work:
-        timed, instruments = self._timed, self._instruments
+        timed, sensor_arrays = self._timed, self._sensor_arrays
         texts = [slot for slot in slots if is_written(slot)]
         others = [slot for slot in slots if not is_written(slot)]
         compiled = {slot for slot in others if isinstance(slot.sensor, CompiledSensor) or is_repeated(slot)}
@@ -108,15 +108,15 @@ class ByHand:
             self._writers(slot for slot in others if slot.writes),
             self._writers(texts),
             tuple(timed("delivery", "errors in Python", slot.disturb) for slot in ready_made),
-            (_keeper(wordy, instruments),) if wordy else (),
-            (_keeper(texts, instruments),) if texts else (),
+            (_keeper(wordy, sensor_arrays),) if wordy else (),
+            (_keeper(texts, sensor_arrays),) if texts else (),
             tuple(slot for slot in wordy if slot.sensor.takes_time),
             any(slot.sensor.needs_rates for slot in slots),
         )
 
     def _writers(self, slots: Iterable[SensorSlot]) -> tuple[Callable[[], None], ...]:
         return tuple(
-            self._timed("sensors", kind_of(alike[0].sensor), _writer(alike, self._instruments), len(alike))
+            self._timed("sensors", kind_of(alike[0].sensor), _writer(alike, self._sensor_arrays), len(alike))
             for alike in _by_kind(slots)
         )
 
@@ -128,10 +128,10 @@ def _by_kind(slots: Iterable[SensorSlot]) -> Collection[list[SensorSlot]]:
     return kinds.values()
 
 
-def _writer(slots: Sequence[SensorSlot], instruments: Instruments) -> Callable[[], None]:
+def _writer(slots: Sequence[SensorSlot], sensor_arrays: SensorArrays) -> Callable[[], None]:
     """Return a function that lets some sensors write (`Sensor.writes`) and marks all of them as ready, except those that a fault keeps
     silent."""
-    numbers, heads = np.array([slot.head for slot in slots]), instruments.heads.rows
+    numbers, heads = np.array([slot.head for slot in slots]), sensor_arrays.heads.rows
     # Finding a column of a record array costs as much as writing it, so it is done once.
     ready, silent, valid = heads["ready"], heads["silent"], heads["valid"]
 
@@ -144,11 +144,11 @@ def _writer(slots: Sequence[SensorSlot], instruments: Instruments) -> Callable[[
     return write_all
 
 
-def _keeper(slots: Sequence[SensorSlot], instruments: Instruments) -> Callable[[], None]:
+def _keeper(slots: Sequence[SensorSlot], sensor_arrays: SensorArrays) -> Callable[[], None]:
     """Return a function that lets some sensors keep the values of their readings that are no numbers (`SensorSlot.keep_loose`)."""
-    numbers, heads = np.array([slot.head for slot in slots]), instruments.heads.rows
+    numbers, heads = np.array([slot.head for slot in slots]), sensor_arrays.heads.rows
     streams = np.array([k for slot in slots for k in slot.stream_numbers])
-    ready, made, dropped = heads["ready"], heads["number"], instruments.streams.rows["reading"]["dropped"]
+    ready, made, dropped = heads["ready"], heads["number"], sensor_arrays.streams.rows["reading"]["dropped"]
 
     def keep_all() -> None:
         lost = iter(dropped[streams].tolist())

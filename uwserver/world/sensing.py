@@ -18,10 +18,10 @@ from uwserver.units import NANOSECONDS
 from uwserver.world.by_hand import ByHand
 from uwserver.world.components import SensorStream
 from uwserver.world.computing import DROP, settled
-from uwserver.world.instruments import Instruments
 from uwserver.world.on_their_way import WAY, OnTheirWay
 from uwserver.world.part import Part
 from uwserver.world.profile import Timer, untimed
+from uwserver.world.sensor_arrays import SensorArrays
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.timetable import Group, groups_of
 from uwserver.world.under_way import UnderWay
@@ -46,16 +46,16 @@ class Sensing(Part):
     path = "world/samples"
     state_type = OnTheirWay
 
-    def __init__(self, slots: Mapping[str, SensorSlot], instruments: Instruments) -> None:
+    def __init__(self, slots: Mapping[str, SensorSlot], sensor_arrays: SensorArrays) -> None:
         """Begin without sensors, in a world that is still being built.
 
         Args:
             slots: the sensors by path; may change before each `schedule`.
-            instruments: the arrays of the sensors.
+            sensor_arrays: the arrays of the sensors.
         """
-        self._slots, self._instruments = slots, instruments
+        self._slots, self._sensor_arrays = slots, sensor_arrays
         self.groups: list[Group] = []
-        self.by_hand = ByHand({}, instruments, untimed)
+        self.by_hand = ByHand({}, sensor_arrays, untimed)
         self.casts, self.callable = False, 0
         self._listening: list[SensorSlot] = []
         self._placed: dict[SensorSlot, None] = {}
@@ -70,7 +70,7 @@ class Sensing(Part):
         self._is_read = self._mask_of(())
         self._told: Told | None = None
         self.numbers: dict[str, int] = {}
-        self.under_way = UnderWay(instruments, self._is_needed)
+        self.under_way = UnderWay(sensor_arrays, self._is_needed)
         self.services = ((DROP, self.under_way.drop),)
         self.watch(untimed)
 
@@ -86,14 +86,14 @@ class Sensing(Part):
         streams = dict(self._streams)
         if gone:
             lost = {k for slot in gone for k in slot.stream_numbers}
-            self._instruments.lose(lambda k, _: k in lost)  # while their streams still exist
+            self._sensor_arrays.lose(lambda k, _: k in lost)  # while their streams still exist
             for k in lost:
                 del streams[k]
             for slot in gone:
                 slot.move_out()
         new = [slot for slot in slots.values() if slot not in self._placed]
         for slot in new:
-            slot.enter(self._instruments)
+            slot.enter(self._sensor_arrays)
             streams |= zip(slot.stream_numbers, slot.streams, strict=True)
         self._placed, self._streams = there, streams
         self.numbers = {stream.port.path: k for k, stream in streams.items()}
@@ -104,10 +104,10 @@ class Sensing(Part):
             k: Origin(s.port.path, s.columns.width, s.columns.values, texts.get(k, ())) for k, s in streams.items()
         }
         wordy = {k: SMALL if s.columns.is_small else LARGE for k, s in streams.items() if s.columns.loose}
-        self._instruments.streams.rows["wordy"] = 0
-        self._instruments.streams.rows["wordy"][[*wordy]] = [*wordy.values()]
+        self._sensor_arrays.streams.rows["wordy"] = 0
+        self._sensor_arrays.streams.rows["wordy"][[*wordy]] = [*wordy.values()]
         self.under_way.settle(slots.values())
-        self._instruments.gather({id(s.wiring): s.wiring for s in slots.values() if s.wiring is not None}.values())
+        self._sensor_arrays.gather({id(s.wiring): s.wiring for s in slots.values() if s.wiring is not None}.values())
 
     def want(self, ports: Container[str] | None, thinned: Thinned = WHOLE) -> None:
         """Make samples of these ports only; None for all ports. Samples of ports that parts of the world listen to are always made.
@@ -123,9 +123,9 @@ class Sensing(Part):
 
     def forget_newest(self) -> None:
         """Forget the newest samples, as the time was set and they belong to another time."""
-        self._instruments.forget_newest()
+        self._sensor_arrays.forget_newest()
         self._thinned = WHOLE
-        self._instruments.thin({})
+        self._sensor_arrays.thin({})
 
     def set_listeners(self, ports: Collection[str], overheard: Collection[str]) -> None:
         """Set the ports that parts of the world listen to, and the ports that compiled code listens to (`overheard`)."""
@@ -134,15 +134,15 @@ class Sensing(Part):
 
     def _mark_streams(self) -> None:
         """Mark in the rows of the streams which of them are read."""
-        rows, streams, wanted = self._instruments.streams.rows["wanted"], self._streams, self._wanted
+        rows, streams, wanted = self._sensor_arrays.streams.rows["wanted"], self._streams, self._wanted
         rows[:] = 0
         if wanted is None:
             rows[list(streams)] = READ
-            self._instruments.is_read = bool(streams)
-            self._instruments.thin({})
+            self._sensor_arrays.is_read = bool(streams)
+            self._sensor_arrays.thin({})
             return
         read = {k for path, k in self.numbers.items() if path in wanted or path in self._heard_by_parts}
-        self._is_read, self._instruments.is_read = self._mask_of(read), bool(read)
+        self._is_read, self._sensor_arrays.is_read = self._mask_of(read), bool(read)
         # Values that are no numbers wait in Python for their sample.
         rows[[k for k, stream in streams.items() if stream.columns.loose]] = KEPT
         rows[[self.numbers[path] for path in self._heard_by_kernels]] = HEARD
@@ -150,7 +150,7 @@ class Sensing(Part):
         known = [
             (self.numbers.get(path), some) for path, some in self._thinned.items() if path not in self._heard_by_parts
         ]
-        self._instruments.thin({k: some for k, some in known if k in read and streams[k].columns.is_small})
+        self._sensor_arrays.thin({k: some for k, some in known if k in read and streams[k].columns.is_small})
 
     def _is_needed(self, stream: int) -> bool:
         return self._wanted is None or bool(self._is_read[stream])
@@ -176,19 +176,19 @@ class Sensing(Part):
         called = [slot for slot in active if slot.sensor.listens or slot.sensor.rouses]
         self.callable = sum(len(slot.streams) for slot in called)
         self.casts = any(slot.sensor.rays for slot in active if isinstance(slot.sensor, CompiledSensor))
-        self.by_hand = ByHand({slot.head: slot for slot in active}, self._instruments, self._timed)
+        self.by_hand = ByHand({slot.head: slot for slot in active}, self._sensor_arrays, self._timed)
 
     @property
     def call_ns(self) -> int:
         """Before this simulation time (ns) no sensor has to be called because something has come to it, as far as is known now."""
-        wakes = [slot.sensor.wake for slot in (*self._listening, *self._instruments.roused)]
+        wakes = [slot.sensor.wake for slot in (*self._listening, *self._sensor_arrays.roused)]
         first = min([wake for wake in wakes if wake is not None], default=None)
         return NEVER if first is None else math.floor(first * NANOSECONDS) - _EARLY_NS
 
     def called(self, now: float) -> list[SensorSlot]:
         """Return the sensors to which something has come by now (s) that they wait for, in an order that does not depend on the order of
         arrival."""
-        roused = self._instruments.roused
+        roused = self._sensor_arrays.roused
         for slot in [slot for slot in roused if slot.sensor.wake is None]:
             del roused[slot]
         inorder = sorted((slot for slot in roused if slot.active), key=lambda slot: slot.path)
@@ -200,7 +200,7 @@ class Sensing(Part):
 
     def take_texts(self) -> None:
         """Find the texts of readings that compiled code has written (`sensors.others.Writing`)."""
-        told = self._instruments.streams.rows["texts"]
+        told = self._sensor_arrays.streams.rows["texts"]
         (streams,) = told.nonzero()
         for k, texts in zip(streams.tolist(), told[streams].tolist(), strict=True):
             stream = self._streams[k]
@@ -216,8 +216,8 @@ class Sensing(Part):
             with_words: whether the last tick has samples with values that are no numbers.
             samples: takes the samples that `take_told` does not return.
         """
-        log, is_large = self._instruments.log, False
-        for k, seq, place in self._instruments.wordy if with_words else ():
+        log, is_large = self._sensor_arrays.log, False
+        for k, seq, place in self._sensor_arrays.wordy if with_words else ():
             stream = self._streams[k]
             # A state from outside may have two samples of one number in flight.
             stream.newest = stream.coming.pop(seq, stream.newest or stream.loose)
@@ -248,18 +248,18 @@ class Sensing(Part):
         k = self.numbers.get(path)
         if k is None:
             return None
-        row, stream = self._instruments.streams.rows[k], self._streams[k]
+        row, stream = self._sensor_arrays.streams.rows[k], self._streams[k]
         if not row["newest"]:
             return None
         first, width = row["newest_first"], row["width"]
-        values = stream.columns.unpack(self._instruments.numbers.rows[first : first + width], settled(stream.newest))
+        values = stream.columns.unpack(self._sensor_arrays.numbers.rows[first : first + width], settled(stream.newest))
         return Sample(path, int(row["seq"]), int(row["t_ns"]), int(row["t_sent_ns"]), bool(row["valid"]), values)
 
     # -- state ----------------------------------------------------------------------------------------------------------------------
 
     def save(self) -> OnTheirWay:
         """Return the samples in flight, in the order of their delivery."""
-        order, pending, numbers = self._instruments.on_their_way()
+        order, pending, numbers = self._sensor_arrays.on_their_way()
         if not len(pending):
             return OnTheirWay(order, (), b"", b"", ())
         ports: dict[int, int] = {}
@@ -319,8 +319,8 @@ class Sensing(Part):
         for known, each in zip(self._loose_samples(state, given), (state.loose, state.pictures), strict=True):
             for (stream, seq), values in zip(known, each, strict=True):
                 stream.coming[seq] = values
-        self._instruments.send_on_their_way(state.order, entries, np.frombuffer(state.numbers))
+        self._sensor_arrays.send_on_their_way(state.order, entries, np.frombuffer(state.numbers))
 
     def leave(self, why: str) -> None:
         """End the thread that computes readings, as the run ends."""
-        self._instruments.computing.end()
+        self._sensor_arrays.computing.end()

@@ -17,7 +17,7 @@ from uwserver.sensors.compiled import HEAD, CompiledSensor
 from uwserver.step.streams import HELD, STREAM
 from uwserver.world.components import SensorStream
 from uwserver.world.computing import settled
-from uwserver.world.instruments import Instruments
+from uwserver.world.sensor_arrays import SensorArrays
 
 
 def _offset(form: np.dtype[Any], name: str) -> int:
@@ -42,7 +42,7 @@ class SensorRows:
     numbers behind them are made anew by each reading.
 
     Attributes:
-        instruments: the arrays.
+        sensor_arrays: the arrays.
         head: number of the head.
         streams: numbers of the streams.
         reading: place at which the numbers of the present reading begin.
@@ -50,42 +50,42 @@ class SensorRows:
 
     __slots__ = (
         "_compiled", "_count", "_first", "_held_at", "_kept", "_kept_at", "_memory_at", "_number_at", "_operations", "_pools", "_remembering",
-        "_sensor", "_sonar", "_streams", "head", "instruments", "reading", "streams",
+        "_sensor", "_sonar", "_streams", "head", "reading", "sensor_arrays", "streams",
     )  # fmt: skip
 
     def __init__(
-        self, instruments: Instruments, sensor: Sensor, streams: Sequence[SensorStream], body: int, latency_ns: int
+        self, sensor_arrays: SensorArrays, sensor: Sensor, streams: Sequence[SensorStream], body: int, latency_ns: int
     ) -> None:
         """Take rows for a sensor on this body, with errors that have no memory yet."""
-        self.instruments, self._sensor, self._streams = instruments, sensor, streams
+        self.sensor_arrays, self._sensor, self._streams = sensor_arrays, sensor, streams
         self._compiled = sensor if isinstance(sensor, CompiledSensor) else None
         self._sonar = sensor if isinstance(sensor, Sonar) else None
         if self._compiled is not None:
-            self._compiled.enter(instruments.heads, instruments.rows_of(self._compiled.kernel))
+            self._compiled.enter(sensor_arrays.heads, sensor_arrays.rows_of(self._compiled.kernel))
             self.head = self._compiled.head
         else:
-            self.head = instruments.heads.take(1)
+            self.head = sensor_arrays.heads.take(1)
         width, ideal = streams[0].columns.width, any(stream.ideal for stream in streams)
         self._kept = sum(stream.kept for stream in streams)
         made = width * (1 + ideal + sum(2 if stream.is_ready_made else 1 for stream in streams))
-        self._first, self._count = instruments.numbers.take(self._kept + made), self._kept + made
-        first = instruments.streams.take(len(streams))
+        self._first, self._count = sensor_arrays.numbers.take(self._kept + made), self._kept + made
+        first = sensor_arrays.streams.take(len(streams))
         self.streams = range(first, first + len(streams))
         self._operations: list[tuple[int, int]] = []
         self.reading = at = self._first + self._kept
-        head = instruments.heads.rows[self.head]
+        head = sensor_arrays.heads.rows[self.head]
         head["body"], head["first"], head["width"], head["latency_ns"] = body, at, width, latency_ns
         head["stream_first"], head["stream_count"] = first, len(streams)
         head["exact_first"] = at + width if ideal else -1
-        head["voice"] = -1 if self._sonar is None else instruments.voices.take(1)
+        head["voice"] = -1 if self._sonar is None else sensor_arrays.voices.take(1)
         self._fill_streams(at, at + width * (1 + ideal))
         self._find_state_bytes()
 
     def _find_state_bytes(self) -> None:
         """Find where the bytes of the state stand in the arrays. Done once, as a state is taken between two ticks and must be quick."""
-        instruments, compiled = self.instruments, self._compiled
+        sensor_arrays, compiled = self.sensor_arrays, self._compiled
         memories = None if compiled is None else compiled.rows
-        self._pools = instruments.heads, instruments.streams, instruments.numbers, memories
+        self._pools = sensor_arrays.heads, sensor_arrays.streams, sensor_arrays.numbers, memories
         self._number_at = _bytes(self.head * HEAD.itemsize + _NUMBER, 8)
         self._held_at = [_bytes(k * STREAM.itemsize + _HELD, HELD.itemsize) for k in self.streams]
         self._kept_at = _bytes(self._first * _FLOAT, self._kept * _FLOAT)
@@ -96,10 +96,10 @@ class SensorRows:
     def _fill_streams(self, reading: int, made: int) -> None:
         """Fill the rows of the streams. `reading` is the place of the present reading; `made` is the place behind it, and behind the
         reading without errors."""
-        instruments, at = self.instruments, self._first
+        sensor_arrays, at = self.sensor_arrays, self._first
         self._remembering: list[tuple[Operation, int]] = []
         for k, stream in zip(self.streams, self._streams, strict=True):
-            row, width = instruments.streams.rows[k], stream.columns.width
+            row, width = sensor_arrays.streams.rows[k], stream.columns.width
             row["width"], row["exact"], row["ready_made"] = width, stream.ideal, stream.is_ready_made
             row["first"], row["newest_first"] = at, made
             if stream.is_ready_made:
@@ -107,69 +107,69 @@ class SensorRows:
             else:
                 row["source"], made = reading + width * stream.ideal, made + width
             count = sum(len(operation.rows) for operation in stream.operations)
-            place = instruments.operations.take(count)
+            place = sensor_arrays.operations.take(count)
             row["operation_first"], row["operation_count"] = place, count
             self._operations.append((place, count))
             at += width
             for operation in stream.operations:
                 end = place + len(operation.rows)
-                rows = instruments.operations.rows[place:end]
+                rows = sensor_arrays.operations.rows[place:end]
                 rows[:] = operation.rows
                 rows["memory"] = at
                 if len(operation.numbers):
                     self._remembering.append((operation, at - self._first))
-                    instruments.numbers.rows[at : at + len(operation.numbers)] = operation.numbers
+                    sensor_arrays.numbers.rows[at : at + len(operation.numbers)] = operation.numbers
                 place, at = end, at + len(operation.numbers)
 
     def give_back(self) -> None:
         """Give all rows back."""
-        instruments = self.instruments
+        sensor_arrays = self.sensor_arrays
         for place, count in self._operations:
-            instruments.operations.give_back(place, count)
-        instruments.streams.give_back(self.streams.start, len(self.streams))
-        instruments.numbers.give_back(self._first, self._count)
+            sensor_arrays.operations.give_back(place, count)
+        sensor_arrays.streams.give_back(self.streams.start, len(self.streams))
+        sensor_arrays.numbers.give_back(self._first, self._count)
         if self._sonar is not None:
             voice = int(self.row["voice"])
-            instruments.voices.rows["works"][voice] = 0
-            instruments.voices.give_back(voice, 1)
+            sensor_arrays.voices.rows["works"][voice] = 0
+            sensor_arrays.voices.give_back(voice, 1)
         if self._compiled is not None:
             self._compiled.leave()
         else:
-            instruments.heads.give_back(self.head, 1)
+            sensor_arrays.heads.give_back(self.head, 1)
 
     # -- the present reading -------------------------------------------------------------------------------------------------------
 
     @property
     def row(self) -> Any:
         """The head."""
-        return self.instruments.heads.rows[self.head]
+        return self.sensor_arrays.heads.rows[self.head]
 
     def numbers(self, first: int, width: int) -> FloatArray:
         """Return a view, which can be written, of `width` numbers from the place `first` on."""
-        found: FloatArray = self.instruments.numbers.rows[first : first + width]
+        found: FloatArray = self.sensor_arrays.numbers.rows[first : first + width]
         return found
 
     def set_time(self, dt: float) -> None:
         """Set the time from one reading to the next, s."""
-        self.instruments.heads.rows["dt"][self.head] = dt
-        self.instruments.streams.rows["dt"][self.streams.start : self.streams.stop] = dt
+        self.sensor_arrays.heads.rows["dt"][self.head] = dt
+        self.sensor_arrays.streams.rows["dt"][self.streams.start : self.streams.stop] = dt
 
     def speak(self, works: bool) -> None:
         """Tell the sonars in compiled code how this sensor sounds now, and whether it works."""
         if self._sonar is not None:
             row = self.row
-            voice = self.instruments.voices.rows[row["voice"]]
+            voice = self.sensor_arrays.voices.rows[row["voice"]]
             voice["body"], voice["works"] = row["body"], works
             self._sonar.speak(voice)
 
     def set_fault(self, fault: str) -> None:
         """Set the fault of the sensor."""
-        self.instruments.heads.rows["silent"][self.head] = fault == "silent"
-        self.instruments.streams.rows["frozen"][self.streams.start : self.streams.stop] = fault != ""
+        self.sensor_arrays.heads.rows["silent"][self.head] = fault == "silent"
+        self.sensor_arrays.streams.rows["frozen"][self.streams.start : self.streams.stop] = fault != ""
 
     def held(self, k: int) -> tuple[bool, tuple[Value, ...]] | None:
         """Return the last reading of its k-th stream: whether it is valid, and its values."""
-        row, stream = self.instruments.streams.rows[self.streams[k]], self._streams[k]
+        row, stream = self.sensor_arrays.streams.rows[self.streams[k]], self._streams[k]
         held = row["held"]
         if not held["there"]:
             return None
@@ -179,7 +179,7 @@ class SensorRows:
 
     def held_ns(self) -> int:
         """Return the time of the last reading of its own stream."""
-        return int(self.instruments.streams.rows["held"]["t_ns"][self.streams.start])
+        return int(self.sensor_arrays.streams.rows["held"]["t_ns"][self.streams.start])
 
     # -- the state ---------------------------------------------------------------------------------------------------------------
 

@@ -21,8 +21,8 @@ from uwserver.sensors.wiring import Wiring
 from uwserver.step.streams import HELD
 from uwserver.world.components import Held, SensorState, SensorStream
 from uwserver.world.computing import Loose, Work
-from uwserver.world.instruments import Instruments
 from uwserver.world.part import Part, read_record, record
+from uwserver.world.sensor_arrays import SensorArrays
 from uwserver.world.sensor_rows import SensorRows
 
 Fault = Literal["", "frozen", "silent"]
@@ -105,20 +105,20 @@ class SensorSlot(Part):
 
     # -- its place ------------------------------------------------------------------------------------------------------------------
 
-    def enter(self, instruments: Instruments) -> None:
+    def enter(self, sensor_arrays: SensorArrays) -> None:
         """Take places in these arrays, with the state from before."""
-        self._rows = SensorRows(instruments, self.sensor, self.streams, self.row, self.latency_ns)
+        self._rows = SensorRows(sensor_arrays, self.sensor, self.streams, self.row, self.latency_ns)
         self._set_time()
         self._rows.set_fault(self._fault)
         if self.sensor.rouses:
-            self.sensor.rouse = lambda: instruments.roused.update({self: None})
+            self.sensor.rouse = lambda: sensor_arrays.roused.update({self: None})
         if self._saved is not None:
             self.load(self._saved)
 
     def move_out(self) -> None:
         """Give the places back, and keep the state."""
         rows, self._saved = self._here, self.save()
-        rows.instruments.roused.pop(self, None)
+        rows.sensor_arrays.roused.pop(self, None)
         rows.give_back()
         self._rows = None
 
@@ -251,7 +251,7 @@ class SensorSlot(Part):
     def _loose_of(self, reading: Measurement) -> Loose:
         columns = self.streams[0].columns
         if isinstance(reading, Begun):
-            return self._here.instruments.computing.work(reading.job, columns.loose_of(blank(self.fields)))
+            return self._here.sensor_arrays.computing.work(reading.job, columns.loose_of(blank(self.fields)))
         return columns.loose_of(reading.values)
 
     @property
@@ -269,7 +269,7 @@ class SensorSlot(Part):
         for k, stream in zip(rows.streams, self.streams, strict=True):
             if not stream.is_ready_made:
                 continue
-            row, columns = rows.instruments.streams.rows[k], stream.columns
+            row, columns = rows.sensor_arrays.streams.rows[k], stream.columns
             source = head["exact_first"] if stream.ideal else head["first"]
             # Modifiers cannot change values that are still under computation.
             unknown = isinstance(stream.fresh, Work)

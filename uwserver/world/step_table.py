@@ -18,9 +18,9 @@ from uwserver.physics.kernel.layout import addresses
 from uwserver.physics.rays.raycast import Geometry
 from uwserver.step import rows
 from uwserver.units import NANOSECONDS
-from uwserver.world.instruments import Instruments
 from uwserver.world.piloting import Pilots
 from uwserver.world.sensing import Sensing
+from uwserver.world.sensor_arrays import SensorArrays
 from uwserver.world.ticks import Ticks
 from uwserver.world.timetable import Timetable, timetable_of
 
@@ -39,7 +39,7 @@ class StepTable:
     """The table of a world.
 
     Attributes:
-        hydro, water, instruments, sensing, pilots: the parts that have the arrays.
+        hydro, water, sensor_arrays, sensing, pilots: the parts that have the arrays.
         rate_hz: ticks per second.
         ticks: the times of the ticks.
         table: addresses, made with `step.rows.FORMS`. `rows` has the arrays by name, and keeps them alive.
@@ -54,13 +54,13 @@ class StepTable:
         self,
         hydro: Hydrodynamics,
         water: Water,
-        instruments: Instruments,
+        sensor_arrays: SensorArrays,
         sensing: Sensing,
         pilots: Pilots,
         rate_hz: Fraction,
     ) -> None:
         """Make the table of a world with these bodies, this water, these sensors and autopilots."""
-        self.hydro, self.water, self.instruments, self.sensing, self.pilots = hydro, water, instruments, sensing, pilots
+        self.hydro, self.water, self.sensor_arrays, self.sensing, self.pilots = hydro, water, sensor_arrays, sensing, pilots
         self.rate_hz, self.ticks = rate_hz, Ticks(rate_hz)
         self.run: IntArray = np.zeros(len(rows.RUN.names or ()), np.int64)
         self.ends: IntArray = np.zeros(LONGEST, np.int64)
@@ -101,9 +101,9 @@ class StepTable:
 
     def _dependencies(self) -> tuple[object, ...]:
         """Return the objects on which the table depends."""
-        autopilots, instruments, hydro, solids = self.pilots.arrays, self.instruments, self.hydro, self.instruments.solids
+        autopilots, sensor_arrays, hydro, solids = self.pilots.arrays, self.sensor_arrays, self.hydro, self.sensor_arrays.solids
         return (
-            hydro.table, instruments.now, instruments.heads.rows, self.sensing.groups, None if autopilots is None else autopilots.table,
+            hydro.table, sensor_arrays.now, sensor_arrays.heads.rows, self.sensing.groups, None if autopilots is None else autopilots.table,
             hydro.collider, hydro.touching, hydro.contact_nu_dot, self.finding(), solids, self._met(solids),
         )  # fmt: skip
 
@@ -119,10 +119,10 @@ class StepTable:
     def _tabulate(self) -> None:
         from uwserver.step import delivery
 
-        hydro, instruments, autopilots = self.hydro, self.instruments, self.pilots.arrays
-        met = self._met(instruments.solids)
-        self.timetable = made = timetable_of(self.sensing.groups, instruments)
-        instruments.follow_contacts()
+        hydro, sensor_arrays, autopilots = self.hydro, self.sensor_arrays, self.pilots.arrays
+        met = self._met(sensor_arrays.solids)
+        self.timetable = made = timetable_of(self.sensing.groups, sensor_arrays)
+        sensor_arrays.follow_contacts()
         self._kept = self._dependencies()
         self._ids = tuple(map(id, self._kept))
         step, hear, tell = (0, 0, 0) if autopilots is None else autopilots.codes()
@@ -140,8 +140,8 @@ class StepTable:
         )  # fmt: skip
         self.rows = made.rows | {
             "course": course, "run": self.run.view(rows.RUN), "ends": self.ends, "solids": solids, "world": hydro.table,
-            "now": instruments.now, "pilots": _NO_TABLE if autopilots is None else autopilots.table, "shapes": finding.table, "touching": hydro.touching.table,
+            "now": sensor_arrays.now, "pilots": _NO_TABLE if autopilots is None else autopilots.table, "shapes": finding.table, "touching": hydro.touching.table,
             **dict(zip(_FOUND, finding[5:], strict=True)), "contact_nu_dot": hydro.contact_nu_dot,
-            "drifts": drifts, "intervals": intervals, "state": hydro.state, "nu_dot": instruments.nu_dot, "tau": instruments.tau,
+            "drifts": drifts, "intervals": intervals, "state": hydro.state, "nu_dot": sensor_arrays.nu_dot, "tau": sensor_arrays.tau,
         }  # fmt: skip
         self.table = addresses(rows.FORMS, self.rows)

@@ -70,8 +70,8 @@ class Stepping:
 
         tick.load()
         self.given = given
-        self._hydro, self._water, self._instruments, self._sensing, self._pilots = (
-            given.hydro, given.water, given.instruments, given.sensing, given.pilots,
+        self._hydro, self._water, self._sensor_arrays, self._sensing, self._pilots = (
+            given.hydro, given.water, given.sensor_arrays, given.sensing, given.pilots,
         )  # fmt: skip
         self._stand_at, self._has_to_tell = stand, has_to_tell
         self._step = straight(tick.step)
@@ -132,7 +132,7 @@ class Stepping:
 
         `samples` takes the samples that `Sensing` does not keep.
         """
-        run, self._samples, self._first = self.given.run, samples, self._instruments.logged
+        run, self._samples, self._first = self.given.run, samples, self._sensor_arrays.logged
         run[: _ASKED.start] = 0  # 0 in `stage` is BEGIN
         run[_TICK] = tick
         if self._pilots.arrays is not None:
@@ -143,13 +143,13 @@ class Stepping:
 
     def end(self, why: int) -> None:
         """Finish a call of the step, which has stopped for this reason: the world gets its tick, and samples are handed on."""
-        run, instruments, samples = self.given.run, self._instruments, self._samples
+        run, sensor_arrays, samples = self.given.run, self._sensor_arrays, self._samples
         reached = run[: _ASKED.start].tolist()
         self._stand_at(reached[_TICK])
-        instruments.take_over()
+        sensor_arrays.take_over()
         if reached[_WRITTEN]:
             self._sensing.take_texts()
-        with_words = why == rows.END and bool(reached[_BEGUN] and instruments.wordy_count)
+        with_words = why == rows.END and bool(reached[_BEGUN] and sensor_arrays.wordy_count)
         if reached[_ENDS] or with_words:
             self._sensing.tell(self._first, self.given.ends[: reached[_ENDS]].tolist(), with_words, samples)
         if why == rows.END:
@@ -181,7 +181,7 @@ class Stepping:
         self.ask(first, 0 if self._has_to_tell() else min(until, self.next_tick(first)))
 
     def _make(self, posted: IntArray) -> int:
-        step = (self._step, self.given.table, *self._instruments.to_deliver(), posted, *self._instruments.room)
+        step = (self._step, self.given.table, *self._sensor_arrays.to_deliver(), posted, *self._sensor_arrays.room)
         if self.profile is None:
             return int(step[0](*step[1:]))
         return self.profile.unit(*step, name=self._unit)
@@ -213,7 +213,7 @@ class Stepping:
         self.stops[REASONS[why]] += 1
         if why not in QUIET:
             self._stand()
-            self._instruments.take_over()
+            self._sensor_arrays.take_over()
         self._answers[why]()
         if why in _CHANGING:
             self.given.settle()
@@ -268,8 +268,8 @@ class Stepping:
             self._sensing.under_way.take(slot, self._now[1])
 
     def _make_room(self) -> None:
-        self._instruments.make_room(int(self.given.run[_WHICH]))
-        self._first = self._instruments.logged
+        self._sensor_arrays.make_room(int(self.given.run[_WHICH]))
+        self._first = self._sensor_arrays.logged
 
 
 def next_tick(parts: Iterable[tuple[Part, Before]]) -> int:

@@ -25,7 +25,7 @@ from uwserver.step.rows import (
     WHEN_DUE,
     WRITING,
 )
-from uwserver.world.instruments import Instruments
+from uwserver.world.sensor_arrays import SensorArrays
 from uwserver.world.sensor_slot import SensorSlot
 
 
@@ -94,9 +94,9 @@ def needs_of(slots: Iterable[SensorSlot]) -> int:
 class _Maker:
     """Makes the rows of a timetable."""
 
-    def __init__(self, instruments: Instruments) -> None:
-        """Begin with empty rows, for sensors in these instruments."""
-        self._instruments = instruments
+    def __init__(self, sensor_arrays: SensorArrays) -> None:
+        """Begin with empty rows, for sensors in these arrays."""
+        self._sensor_arrays = sensor_arrays
         self.kernels: list[SensorKernel] = []
         self._numbers: dict[int, int] = {}
         self.groups: list[tuple[int, ...]] = []
@@ -140,7 +140,7 @@ class _Maker:
     def _add_writing(self, slot: SensorSlot) -> None:
         writing, numbers = slot.sensor.writing, slot.stream_numbers
         assert writing is not None
-        head = self._instruments.heads.rows[slot.head]
+        head = self._sensor_arrays.heads.rows[slot.head]
         self.writings.append(
             (slot.head, writing.row, numbers.start, len(numbers), int(head["first"]), int(head["width"]))
         )
@@ -148,22 +148,22 @@ class _Maker:
     def kind(self, kernel: SensorKernel) -> tuple[int, ...]:
         """Return the row of a kind."""
         *aims, code = codes_of(kernel)
-        rows = self._instruments.rows_of(kernel).rows
+        rows = self._sensor_arrays.rows_of(kernel).rows
         return code, rows.ctypes.data, len(rows), rows.dtype.itemsize, bool(aims), *(*aims, 0, 0)[:2]
 
 
-def timetable_of(groups: Sequence[Group], instruments: Instruments) -> Timetable:
+def timetable_of(groups: Sequence[Group], sensor_arrays: SensorArrays) -> Timetable:
     """Return the timetable of a world.
 
     Args:
         groups: in the order of a tick.
-        instruments: the arrays of the sensors.
+        sensor_arrays: the arrays of the sensors.
     """
-    made = _Maker(instruments)
+    made = _Maker(sensor_arrays)
     for group in groups:
         made.add(group)
     kinds = np.array([made.kind(kernel) for kernel in made.kernels], KIND)
-    heads = instruments.heads.rows
+    heads = sensor_arrays.heads.rows
     rays, most_heads = _most_rays(made, heads)
     count = len(heads)
 

@@ -9,7 +9,7 @@ from uwserver.ports.checks import shown
 from uwserver.units import NANOSECONDS
 from uwserver.world.components import SensorStream
 from uwserver.world.computing import Work, drop_call
-from uwserver.world.instruments import Instruments
+from uwserver.world.sensor_arrays import SensorArrays
 from uwserver.world.sensor_slot import SensorSlot
 
 
@@ -21,9 +21,9 @@ class UnderWay:
         is_idle: whether there are no such sensors.
     """
 
-    def __init__(self, instruments: Instruments, is_read: Callable[[int], bool]) -> None:
+    def __init__(self, sensor_arrays: SensorArrays, is_read: Callable[[int], bool]) -> None:
         """Begin without readings. `is_read` returns whether a stream is read, by its number."""
-        self._instruments, self._computing, self._is_read = instruments, instruments.computing, is_read
+        self._sensor_arrays, self._computing, self._is_read = sensor_arrays, sensor_arrays.computing, is_read
         self._slots: dict[str, SensorSlot] = {}
         self.streams: dict[int, tuple[SensorSlot, SensorStream]] = {}
         self._to_drop: dict[str, int] = {}
@@ -44,8 +44,8 @@ class UnderWay:
         """Return the calls that drop readings for a world that must not wait: readings that are due and not computed, and readings that
         would begin while the one before is under computation. Called before the tick that leads to `tick`, at `t_ns`."""
         found: dict[tuple[str, int], None] = {}
-        if t_ns >= self._instruments.next_ns:
-            for _, k, seq in self._instruments.arriving(t_ns):
+        if t_ns >= self._sensor_arrays.next_ns:
+            for _, k, seq in self._sensor_arrays.arriving(t_ns):
                 slot, stream = self.streams.get(k, (None, None))
                 work = None if stream is None else stream.coming.get(seq)
                 if slot is not None and isinstance(work, Work) and not work.is_done and self._is_needed(k, slot):
@@ -58,7 +58,7 @@ class UnderWay:
 
     def arrive(self, t_ns: int) -> None:
         """Compute or wait for the values of samples that are due and needed. Called before they are delivered."""
-        for place, k, seq in self._instruments.arriving(t_ns):
+        for place, k, seq in self._sensor_arrays.arriving(t_ns):
             slot, stream = self.streams.get(k, (None, None))
             if slot is None or stream is None or seq not in stream.coming or not self._is_needed(k, slot):
                 continue
@@ -71,7 +71,7 @@ class UnderWay:
             else:  # from a saved state
                 values = loose
             if None in values:
-                self._instruments.invalidate(place)
+                self._sensor_arrays.invalidate(place)
             elif slot.sensor.learns and stream is slot.streams[0]:
                 slot.sensor.learn(values)
 
@@ -94,7 +94,7 @@ class UnderWay:
         """Remove the samples of lost readings. Not called while samples are delivered."""
         if self._dropped:
             lost, self._dropped = self._dropped, set()
-            self._instruments.lose(lambda k, seq: (k, seq) in lost)
+            self._sensor_arrays.lose(lambda k, seq: (k, seq) in lost)
 
     def drop(self, args: Mapping[str, Json]) -> Json:
         """Carry out ``world/drop_reading``."""

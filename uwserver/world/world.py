@@ -21,13 +21,13 @@ from uwserver.world.commands import Commands
 from uwserver.world.components import ActuatorSlot, SensorStream
 from uwserver.world.diverged import Diverged, report
 from uwserver.world.in_process import InProcess
-from uwserver.world.instruments import Around, Instruments
 from uwserver.world.members import Member, Population, place_solids
 from uwserver.world.part import Carry, Part, in_turn, is_awake
 from uwserver.world.piloting import Pilots
 from uwserver.world.profile import Profile, Timer, untimed
 from uwserver.world.requests import Requests
 from uwserver.world.sensing import Sensing
+from uwserver.world.sensor_arrays import Around, SensorArrays
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.step_table import StepTable
 from uwserver.world.stepping import Stepping, take_turns
@@ -93,13 +93,13 @@ class World(InProcess):
         self.population: Population
         self.identity: Callable[[], str] = str
         self.parts, self.own_parts = dict[str, Part](), list[Part]()
-        self.instruments = Instruments(hydro, water, self._around)
-        self.readings_dropped = self.instruments.computing.dropped
-        self.readings_failed = self.instruments.computing.failed
-        self.sensing = Sensing(self.sensors, self.instruments)
+        self.sensor_arrays = SensorArrays(hydro, water, self._around)
+        self.readings_dropped = self.sensor_arrays.computing.dropped
+        self.readings_failed = self.sensor_arrays.computing.failed
+        self.sensing = Sensing(self.sensors, self.sensor_arrays)
         self._profile: Profile | None = None
         self._pilots = Pilots(hydro)
-        given = StepTable(hydro, water, self.instruments, self.sensing, self._pilots, rate_hz)
+        given = StepTable(hydro, water, self.sensor_arrays, self.sensing, self._pilots, rate_hz)
         self.stepping = Stepping(given, self._stand, self._has_output)
         self.stops = self.stepping.stops
         self.threads = Threads(hydro, max(16, round(rate_hz / 4)))
@@ -249,7 +249,7 @@ class World(InProcess):
     def set_current(self, velocity: Vec3) -> None:
         """Set the uniform, steady part of the current, m/s in N, from the next tick on."""
         self.water.current = velocity
-        self.instruments.current_changed()
+        self.sensor_arrays.current_changed()
         self.hydro.currents[:] = velocity
         if self.water.sea is not None:
             self.water.sea.hold(self.tick, self.ticks.second(self.tick), velocity)

@@ -78,10 +78,10 @@ def test_samples_of_many_vehicles_arrive_and_noise_costs_something(monkeypatch: 
     assert min(found["sample_us"]) > 0.0
     assert max(found["noise_us"]) > 0.0, "a difference, which a busy machine may turn round now and then"
     world = worlds[0]
-    numbers = world.instruments.heads.rows["number"]
+    numbers = world.sensor_arrays.heads.rows["number"]
     counts = [numbers[world.sensors[f"r0000/{name}"].head] for name in ("inertial", "exact", "noisy")]
     assert min(counts) > 100
-    assert len(world.instruments._pending) < 100, "what piles up makes each sample dearer"
+    assert len(world.sensor_arrays._pending) < 100, "what piles up makes each sample dearer"
 
 
 @pytest.mark.parametrize("sensors", [(), ("imu", "depth", "dvl", "ahrs")])

@@ -5,7 +5,7 @@ import pytest
 
 import uwserver
 from uwserver.scenario.builder import ScenarioBuilder
-from uwserver.world.instruments import Instruments
+from uwserver.world.sensor_arrays import SensorArrays
 
 N = 7
 DIFFERING = {
@@ -112,8 +112,8 @@ def of_each(events, n):
 
 @pytest.fixture
 def rooms(monkeypatch):
-    """Receives the instruments of a world each time they are given more room for samples."""
-    seen, make_room = [], Instruments.make_room
+    """Receives the arrays of the sensors of a world each time they are given more room for samples."""
+    seen, make_room = [], SensorArrays.make_room
 
     def watched(self, most):
         before = self.room
@@ -121,7 +121,7 @@ def rooms(monkeypatch):
         if self.room > before:
             seen.append(self)
 
-    monkeypatch.setattr(Instruments, "make_room", watched)
+    monkeypatch.setattr(SensorArrays, "make_room", watched)
     return seen
 
 
@@ -141,7 +141,7 @@ def test_many_ticks_are_as_many_calls_whatever_happens_within(threads, rooms):
             batch.command("rov/lights", [1, 2, 5, 6], levels=levels)
         rooms.clear()
         step_both(ours, theirs, ticks)
-        grown.append(sum(any(each is copy.world.instruments for copy in ours._copies) for each in rooms))
+        grown.append(sum(any(each is copy.world.sensor_arrays for copy in ours._copies) for each in rooms))
         check_alike(ours, theirs)
         (mine, others) = (batch.events() for batch in (ours, theirs))
         assert of_each(mine, N) == of_each(others, N)

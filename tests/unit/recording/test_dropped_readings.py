@@ -81,7 +81,7 @@ def test_drops_of_real_time_are_repeated(tmp_path: Path, caplog: pytest.LogCaptu
     found: dict[str, Any] = {}
 
     def run(rig: Rig) -> None:
-        world, computing = rig.world, rig.world.instruments.computing
+        world, computing = rig.world, rig.world.sensor_arrays.computing
         found["world"] = world
         until(world, lambda: world.tick > 20)
         kind_of(world).gate.clear()
@@ -91,7 +91,7 @@ def test_drops_of_real_time_are_repeated(tmp_path: Path, caplog: pytest.LogCaptu
         until(world, lambda: world.tick > tick + 300)
 
     samples = recorded(path, resolved, Timing(), run)
-    dropped = found["world"].instruments.computing.dropped[PORT]
+    dropped = found["world"].sensor_arrays.computing.dropped[PORT]
     assert len([r for r in caplog.records if "was not computed in time" in r.getMessage()]) == 1
     seen = {sample.seq: sample.value for sample in samples}
     assert len(seen) >= 20
@@ -137,7 +137,7 @@ def test_all_modes_give_the_same_pictures_and_states(metered: tuple[Resolved, li
     samples = [s for s in rig.samples if s.port in (PORT, AGAIN)]
     assert done >= 240
     assert samples[: len(wanted)] == wanted
-    assert rig.world.instruments.computing.dropped == {}
+    assert rig.world.sensor_arrays.computing.dropped == {}
 
 
 @pytest.fixture(scope="module")
@@ -173,7 +173,7 @@ def test_a_camera_and_a_sonar_see_the_same_in_all_modes(
     found = [s for s in rig.samples if s.port in SEERS and (s.port, s.seq) in whole]
     if timing.mode == "realtime":
         # What a busy machine did not compute in time is counted, and nothing else is missing.
-        assert len(found) + sum(rig.world.instruments.computing.dropped.values()) >= len(whole) - len(SEERS)
+        assert len(found) + sum(rig.world.sensor_arrays.computing.dropped.values()) >= len(whole) - len(SEERS)
     else:
         assert len(found) == len(whole)
     for sample in found:

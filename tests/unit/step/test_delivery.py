@@ -31,11 +31,11 @@ def test_whatever_is_on_its_way_comes_in_the_order_of_its_time_and_then_of_its_s
         due = sorted(entry for entry in expected if entry[0] <= 10 * n)
         assert arrived == [t for t, _ in due]
         delivered += len(samples)
-        order, entries, _ = rig.instruments.on_their_way()
+        order, entries, _ = rig.sensor_arrays.on_their_way()
         expected = list(zip(entries["t_sent_ns"].tolist(), entries["order"].tolist(), strict=True))
         assert expected == sorted(expected)
         assert len({*entries["slot"].tolist()}) == len(entries), "two samples in one place"
-        assert rig.instruments.next_ns == min((t for t, _ in expected), default=NEVER)
+        assert rig.sensor_arrays.next_ns == min((t for t, _ in expected), default=NEVER)
         assert order >= before
         before = order
     assert delivered + len(expected) == 59 * 21
@@ -48,11 +48,11 @@ def test_what_is_heard_alone_is_delivered_and_not_read() -> None:
     rig.sensing.set_listeners((), ("b",))
     assert [s.port for s in rig.samples(1)] == ["c"]
     a, b, c = (rig.sensing.numbers[path] for path in "abc")
-    assert rig.instruments.streams.rows["wanted"][[a, b, c]].tolist() == [0, HEARD, READ]
-    assert rig.instruments._told["stream"][:2].tolist() == [b, c]
-    assert rig.instruments._told_values[:2, 0].tolist() == [1.0, 1.0]
-    assert rig.instruments.logged == 1
-    assert rig.instruments.streams.rows["seq"][a] == 0
+    assert rig.sensor_arrays.streams.rows["wanted"][[a, b, c]].tolist() == [0, HEARD, READ]
+    assert rig.sensor_arrays._told["stream"][:2].tolist() == [b, c]
+    assert rig.sensor_arrays._told_values[:2, 0].tolist() == [1.0, 1.0]
+    assert rig.sensor_arrays.logged == 1
+    assert rig.sensor_arrays.streams.rows["seq"][a] == 0
     assert rig.slots["a"].number == 1
 
 
@@ -61,7 +61,7 @@ def test_a_reading_that_is_dropped_is_not_sent() -> None:
     slot = slot_of(dropped, latency_ns=-3)
     rig = Rig(slot)
     assert (rig.tick(1), slot.held, slot.number) == ([], None, 1)
-    assert not rig.instruments.streams.rows["newest"][slot.stream_numbers[0]]
+    assert not rig.sensor_arrays.streams.rows["newest"][slot.stream_numbers[0]]
 
 
 def test_without_anybody_due_only_what_is_on_its_way_is_delivered() -> None:
@@ -71,7 +71,7 @@ def test_without_anybody_due_only_what_is_on_its_way_is_delivered() -> None:
     slot.active = False
     rig.sensing.schedule()
     assert [len(rig.tick(n)) for n in (2, 3, 4, 5)] == [0, 0, 1, 0]
-    assert rig.instruments.next_ns == NEVER
+    assert rig.sensor_arrays.next_ns == NEVER
     assert (ENTRY.itemsize, COUNTS.itemsize) == (56, 64)
 
 
@@ -94,7 +94,7 @@ def test_compiled_code_counts_intervals_as_who_reads_does(rate_hz: float) -> Non
         taken += [sample.t_ns for sample in rig.samples(t_ns)]
     assert 100 < len(expected) <= len(times)
     assert taken == expected
-    assert rig.instruments.streams.rows["seq"][k] == len(times) - 1, "each was delivered"
+    assert rig.sensor_arrays.streams.rows["seq"][k] == len(times) - 1, "each was delivered"
 
 
 def test_one_sample_for_all_whose_intervals_begin_with_it() -> None:
@@ -121,7 +121,7 @@ def test_all_are_chosen_of_a_stream_whose_order_is_not_that_of_time() -> None:
 
 def test_what_is_enough_holds_until_the_time_is_set_or_sensors_come() -> None:
     rig = Rig(slot_of(path="a", latency_ns=-3))
-    counts = rig.instruments.streams.rows["thinning_count"]
+    counts = rig.sensor_arrays.streams.rows["thinning_count"]
     for forget in (rig.sensing.forget_newest, rig.sensing.settle):
         rig.sensing.want(("a",), {"a": (Thinning(10.0, 0), Thinning(1.0, 0)), "gone": (Thinning(1.0, 0),)})
         assert counts.sum() == 2

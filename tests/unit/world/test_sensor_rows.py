@@ -9,21 +9,21 @@ from sensing_rig import Adds, Counter, Rig, side, slot_of, stream
 from uwserver.modifiers import Bias, GaussMarkov
 from uwserver.sensors import ImuConfig, Pose
 from uwserver.world.components import SensorStream
-from uwserver.world.instruments import Instruments
+from uwserver.world.sensor_arrays import SensorArrays
 from uwserver.world.sensor_rows import SensorRows
 
 
-def rows_in(instruments: Instruments) -> tuple[SensorRows, tuple[SensorStream, ...]]:
+def rows_in(sensor_arrays: SensorArrays) -> tuple[SensorRows, tuple[SensorStream, ...]]:
     bias, drift = (
         Bias(field="x", value=7.0).build(stream()),
         GaussMarkov(field="x", sigma=1.0, tau_s=1.0).build(stream()),
     )
     streams = SensorStream(slot_of().port, (bias, drift)), side("rov/x", "raw"), side("rov/x", "own", Adds(stream()))
-    return SensorRows(instruments, Counter(), streams, 0, 5), streams
+    return SensorRows(sensor_arrays, Counter(), streams, 0, 5), streams
 
 
 def test_last_readings_and_memories_are_kept_and_nothing_else() -> None:
-    rows, streams = rows_in(Rig().instruments)
+    rows, streams = rows_in(Rig().sensor_arrays)
     remembered = sum(len(operation.numbers) for operation in streams[0].operations)
     number, memory, held, numbers = rows.save()
     assert (number, memory, len(held)) == (0, b"", 3 * 24)
@@ -32,7 +32,7 @@ def test_last_readings_and_memories_are_kept_and_nothing_else() -> None:
 
 
 def test_what_was_saved_in_one_place_can_be_loaded_in_another() -> None:
-    arrays, others = Rig().instruments, Rig(slot_of(path="before")).instruments
+    arrays, others = Rig().sensor_arrays, Rig(slot_of(path="before")).sensor_arrays
     rows, other = rows_in(arrays)[0], rows_in(others)[0]
     rng = np.random.default_rng(1)
     held = np.array([[1, 0, 30], [0, 0, 0], [1, 1, 20]]).tobytes()
@@ -47,7 +47,7 @@ def test_what_was_saved_in_one_place_can_be_loaded_in_another() -> None:
 
 def test_no_number_belongs_to_two() -> None:
     """Each stream and each operation writes its own, and all stand within what was taken."""
-    arrays = Rig().instruments
+    arrays = Rig().sensor_arrays
     rows, streams = rows_in(arrays)
     head, used = rows.row, list[int]()
     used += range(head["first"], head["first"] + 1)
@@ -64,7 +64,7 @@ def test_no_number_belongs_to_two() -> None:
 def test_a_compiled_sensor_brings_its_memory() -> None:
     sensor = ImuConfig(rate_hz=100.0).build(Pose())
     sensor.start(5)
-    arrays = Rig().instruments
+    arrays = Rig().sensor_arrays
     rows = SensorRows(arrays, sensor, (SensorStream(slot_of().port),), 0, 0)
     _, memory, held, numbers = rows.save()
     assert len(memory) == sensor.kernel.record["m"].itemsize  # type: ignore[attr-defined]
@@ -76,4 +76,4 @@ def test_a_compiled_sensor_brings_its_memory() -> None:
 
 def test_no_dictionary_is_kept_of_each_sensor() -> None:
     """A hundred vehicles have a thousand sensors: that was 2 kB a vehicle."""
-    assert not hasattr(rows_in(Rig().instruments)[0], "__dict__")
+    assert not hasattr(rows_in(Rig().sensor_arrays)[0], "__dict__")

@@ -101,7 +101,7 @@ def test_another_rate_is_known_to_all_who_need_the_time_between_readings() -> No
     assert (RATE_HZ, slot.divisor) == (10**8, 10**7)
     assert {each.port.rate_hz for each in slot.streams} == {10.0}
     assert {part.dt for part in (slot.sensor, slot.twin, *(m.stream for m in modifiers))} == {0.1}  # type: ignore[union-attr]
-    arrays = rig.instruments
+    arrays = rig.sensor_arrays
     assert {arrays.heads.rows["dt"][slot.head], *arrays.streams.rows["dt"][list(slot.stream_numbers)]} == {0.1}
 
 

@@ -237,8 +237,8 @@ def test_logs_and_places_for_samples_are_renewed(tmp_path: Path) -> None:
     logs = set()
     for _ in range(6):
         twins.step(240)
-        logs.add(id(twins.other.instruments.log))
-        kept = twins.other.instruments.log
+        logs.add(id(twins.other.sensor_arrays.log))
+        kept = twins.other.sensor_arrays.log
         assert kept is not None
     assert len(logs) > 1
     assert twins.ticks > 1300

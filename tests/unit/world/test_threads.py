@@ -66,7 +66,7 @@ def run(world, ticks):
         world.step(20)
         digest.update(world.hydro.state.tobytes())
         digest.update(world.hydro.contact_nu_dot.tobytes())
-        digest.update(world.instruments.numbers.rows.tobytes())
+        digest.update(world.sensor_arrays.numbers.rows.tobytes())
         touching = max(touching, len(world.hydro.touched.impulse))
     return digest.hexdigest(), touching
 

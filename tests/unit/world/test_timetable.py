@@ -49,7 +49,7 @@ def test_of_a_vehicle_compiled_code_does_everything_and_writes_what_its_autopilo
 
 def test_heads_of_a_group_stand_together_and_those_of_a_kind_beside_each_other() -> None:
     world = uwserver.load("bluerov2_qgc")
-    made = timetable_of(world.sensing.groups, world.instruments)
+    made = timetable_of(world.sensing.groups, world.sensor_arrays)
     for group, row in zip(world.sensing.groups, made.rows["groups"], strict=True):
         heads = made.rows["scheduled"][row["first"] : row["first"] + row["count"]].tolist()
         assert heads == [slot.head for slot in group.slots]

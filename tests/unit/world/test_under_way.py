@@ -80,7 +80,7 @@ def test_a_dropped_reading_shifts_no_other(slow: Callable[..., World]) -> None:
     kept = [picture for picture in pictures(whole.step(91)) if picture[0] >= 2]
     assert pictures(lost) == [picture for picture in kept if picture[0] not in (2, 3)]
     assert [seq for seq, *_ in pictures(lost, LATE)] == [4, 5, 6, 7]
-    assert world.instruments.computing.dropped == {PORT: 2}
+    assert world.sensor_arrays.computing.dropped == {PORT: 2}
 
 
 def test_only_what_is_under_way_or_next_can_be_dropped(slow: Callable[..., World]) -> None:
@@ -123,7 +123,7 @@ def test_a_job_that_fails_makes_its_reading_invalid_and_is_told_once(
     assert all(s.value[0] is not None and s.value[1] is None for s in found)
     (told,) = [record.getMessage() for record in caplog.records if record.levelname == "ERROR"]
     assert told == '"rov/slow": reading 0 could not be computed, and is invalid: RuntimeError: the film is torn'
-    assert world.instruments.computing.failed == {PORT: 5}
+    assert world.sensor_arrays.computing.failed == {PORT: 5}
 
 
 @pytest.mark.parametrize("keys", ["", "metered = true", "fails = true"])

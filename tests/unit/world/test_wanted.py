@@ -19,7 +19,7 @@ from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.scenario.world.tables import WorldTable
 from uwserver.sensors import CompoundConfig, ImuConfig, PressureConfig
 from uwserver.sensors.base import StreamTable
-from uwserver.world import World, instruments, snapshot
+from uwserver.world import World, sensor_arrays, snapshot
 
 TICKS = 240
 
@@ -101,15 +101,15 @@ def test_nobody_reads_and_the_world_goes_on_alike(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_samples_are_the_same_however_often_another_log_begins(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """What was told before stays."""
-    monkeypatch.setattr(instruments, "_LOGGED", 1)
+    monkeypatch.setattr(sensor_arrays, "_LOGGED", 1)
     begun: list[int] = []
-    begin = instruments.Instruments._begin_log
+    begin = sensor_arrays.SensorArrays._begin_log
 
-    def counted(self: instruments.Instruments, needed: int) -> None:
+    def counted(self: sensor_arrays.SensorArrays, needed: int) -> None:
         begun.append(needed)
         begin(self, needed)
 
-    monkeypatch.setattr(instruments.Instruments, "_begin_log", counted)
+    monkeypatch.setattr(sensor_arrays.SensorArrays, "_begin_log", counted)
     world, told = world_of(name), []
     for _ in range(TICKS):
         told.append(world.advance())

@@ -375,5 +375,5 @@ def test_in_a_world_the_thread_sees_the_instant_of_the_ping(tmp_path: Path) -> N
 
 def run_now(world: World) -> None:
     """Let a world compute its jobs in the tick in which they begin."""
-    computing = world.instruments.computing
+    computing = world.sensor_arrays.computing
     computing.begin = lambda work, due_ns: work.run()  # type: ignore[method-assign]

@@ -88,7 +88,7 @@ def test_a_picture_is_the_same_bits_where_another_camera_works_between_its_piece
     world.command("rov/lights", levels=(1.0, 1.0))
     world.step(2)
     left, right = (
-        world.sensors[path].sensor.sense(world.instruments.scopes(world.t_ns, False)(world.vehicles["rov"].row, None))
+        world.sensors[path].sensor.sense(world.sensor_arrays.scopes(world.t_ns, False)(world.vehicles["rov"].row, None))
         for path in ("rov/cam", "rov/cam/right")
     )
     assert left.job.shared is not right.job.shared
@@ -104,7 +104,7 @@ def test_rows_are_read_from_above_down_while_the_vehicle_goes_on(tmp_path: Path,
     """At 2 m/s to the right, with 20 ms from the first row to the last, and the stamp in the middle."""
     world = make(tmp_path, f"read_out_s = 0.02\n{keys}")
     world.step(1)
-    scope = world.instruments.scopes(world.t_ns, False)(world.vehicles["rov"].row, None)
+    scope = world.sensor_arrays.scopes(world.t_ns, False)(world.vehicles["rov"].row, None)
     moving = replace(scope, q_NB=(1.0, 0.0, 0.0, 0.0), v_NB_B=(0.0, 2.0, 0.0), w_NB_B=(0.0, 0.0, 0.0))
     camera = world.sensors["rov/cam"].sensor
     view = camera.sense(moving).job.view

@@ -48,7 +48,7 @@ class Around(NamedTuple):
     sight: Sight | None = None
 
 
-class Instruments:
+class SensorArrays:
     """The rows of all sensors. Other parts decide which sensors there are; this class knows where their rows are.
 
     Attributes:

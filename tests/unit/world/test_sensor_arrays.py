@@ -22,12 +22,12 @@ def test_arrays_grow_under_samples_on_their_way() -> None:
     samples = rig.samples(2000)
     assert sorted((s.port, s.t_ns) for s in samples) == sorted(expected)
     assert all(s.value == (s.seq + 1.0,) for s in samples), "numbers of another sample"
-    assert rig.instruments.next_ns == NEVER
+    assert rig.sensor_arrays.next_ns == NEVER
 
 
 def test_rows_are_used_again() -> None:
     rig = Rig(slot_of(path="stays"))
-    arrays = rig.instruments
+    arrays = rig.sensor_arrays
     pools = arrays.heads, arrays.streams, arrays.operations, arrays.numbers
     for k in range(3):
         rig.slots["goes"] = slot_of(path="goes")
@@ -51,7 +51,7 @@ def test_what_was_read_at_another_time_is_forgotten() -> None:
     newest = rig.sensing.newest("rov/x")
     assert newest is not None
     assert (newest.seq, newest.t_ns, newest.valid, newest.value) == (0, 10, True, (1.0,))
-    rig.instruments.forget_newest()
+    rig.sensor_arrays.forget_newest()
     assert rig.sensing.newest("rov/x") is None
 
 
@@ -59,21 +59,21 @@ def test_samples_on_their_way_can_be_put_back() -> None:
     rig, other = (Rig(slot_of(path="a", latency_ns=95), slot_of(path="b", latency_ns=85)) for _ in range(2))
     for n in (1, 2, 3):
         rig.tick(n)
-    order, entries, numbers = rig.instruments.on_their_way()
-    other.instruments.send_on_their_way(order, entries, numbers)
-    again = other.instruments.on_their_way()
+    order, entries, numbers = rig.sensor_arrays.on_their_way()
+    other.sensor_arrays.send_on_their_way(order, entries, numbers)
+    again = other.sensor_arrays.on_their_way()
     assert again[0] == order == 6
     assert again[2].tolist() == numbers.tolist() == [1.0, 1.0, 2.0, 2.0, 3.0, 3.0]
     names = [name for name in entries.dtype.names if name != "slot"]
     assert again[1][names].tolist() == entries[names].tolist()
-    other.instruments.send_on_their_way(order, entries[:0], np.zeros(0))
-    assert len(other.instruments.on_their_way()[1]) == 0
+    other.sensor_arrays.send_on_their_way(order, entries[:0], np.zeros(0))
+    assert len(other.sensor_arrays.on_their_way()[1]) == 0
 
 
 def test_one_body_is_seen_by_all_its_sensors_alike() -> None:
     rig = Rig()
-    scopes = rig.instruments.scopes(70, with_rates=False)
+    scopes = rig.sensor_arrays.scopes(70, with_rates=False)
     assert scopes(0, None) is scopes(0, None)
     assert (scopes(0, None).t_ns, scopes(0, None).nu_dot) == (70, (0.0,) * 6)
-    rig.instruments.nu_dot, rig.instruments.tau = np.arange(6.0)[None], np.ones((1, 6))
-    assert rig.instruments.scopes(70, with_rates=True)(0, None).nu_dot == (0.0, 1.0, 2.0, 3.0, 4.0, 5.0)
+    rig.sensor_arrays.nu_dot, rig.sensor_arrays.tau = np.arange(6.0)[None], np.ones((1, 6))
+    assert rig.sensor_arrays.scopes(70, with_rates=True)(0, None).nu_dot == (0.0, 1.0, 2.0, 3.0, 4.0, 5.0)
