@@ -1,7 +1,8 @@
 """Sensors whose readings compiled code makes: all sensors of a kind are rows of arrays, and one kernel reads those that are due.
 
-Such a kind has, in one file, its table, its fields, the record of one sensor (`record`), and the kernel ``measure(head, row, now, t, out)``, which
-reads the world for one sensor: ``kernel = SensorKernel(RECORD, loop(measure))``, or `ray_loop` if it casts rays.
+Such a kind has, in one file, its table, its fields, the record of one sensor (`record`), and the kernel
+``measure(head, row, surroundings, t, out)``, which reads the world for one sensor: ``kernel = SensorKernel(RECORD, loop(measure))``, or
+`ray_loop` if it casts rays.
 
 `measure` asks the world through the functions of `uwserver.sensors.instant`. A reading is valid, and of this instant, unless `measure` sets
 `valid`, `ready`, `delay_ns` or `since_ns` of its head. It draws the random numbers of `head.key` and `head.number`.
@@ -101,44 +102,45 @@ class SensorKernel(NamedTuple):
 
 
 def loop(measure: Deferred) -> Deferred:
-    """Return the loop of a kind that casts no rays. ``measure(head, row, now, t, out)`` reads one sensor."""
+    """Return the loop of a kind that casts no rays. ``measure(head, row, surroundings, t, out)`` reads one sensor."""
 
-    def run(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
+    def run(heads: Array, rows: Array, numbers: Array, due: Array, surroundings: Array, t: float) -> None:
         for k in due:
             if begins(heads[k]):
-                measure(heads[k], rows[heads[k].row], now, t, reading_of(heads[k], numbers))
+                measure(heads[k], rows[heads[k].row], surroundings, t, reading_of(heads[k], numbers))
 
     return _named_as(run, measure, _LOOP)
 
 
 def ray_loop(measure: Deferred) -> Deferred:
-    """Return the loop of a kind that casts rays. ``measure(head, row, now, t, out, direction, begin, end, hits)`` gets rays `begin` to `end`."""
+    """Return the loop of a kind that casts rays. ``measure(head, row, surroundings, t, out, direction, begin, end, hits)`` gets rays
+    `begin` to `end`."""
 
     def run(
-        heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, direction: Array, first: Array, hits: Any
+        heads: Array, rows: Array, numbers: Array, due: Array, surroundings: Array, t: float, direction: Array, first: Array, hits: Any
     ) -> None:  # fmt: skip
         for n, k in enumerate(due):
             head = heads[k]
             if head.ready != 0:
                 out = reading_of(head, numbers)
-                measure(head, rows[head.row], now, t, out, direction, first[n], first[n + 1], hits)
+                measure(head, rows[head.row], surroundings, t, out, direction, first[n], first[n + 1], hits)
 
     return _named_as(run, measure, _LOOP)
 
 
 def aim_loop(aim: Deferred) -> Deferred:
-    """Return the loop that aims the rays of a kind. ``aim(head, row, now, t, origin, direction, count)`` writes the rays of one sensor from number
-    `count` on, and returns the number of rays so far and how far its own rays reach, m."""
+    """Return the loop that aims the rays of a kind. ``aim(head, row, surroundings, t, origin, direction, count)`` writes the rays of one sensor from
+    number `count` on, and returns the number of rays so far and how far its own rays reach, m."""
 
     def aim_all(
-        heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
+        heads: Array, rows: Array, numbers: Array, due: Array, surroundings: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
     ) -> float:  # fmt: skip
         count, reach = 0, 0.0
         for n, k in enumerate(due):
             head = heads[k]
             first[n] = count
             if begins(head):
-                count, far = aim(head, rows[head.row], now, t, origin, direction, count)
+                count, far = aim(head, rows[head.row], surroundings, t, origin, direction, count)
                 reach = max(reach, far)
         first[len(due)] = count
         return reach
@@ -161,12 +163,12 @@ def _shared(run: Deferred) -> Any:
 
     @compiled
     def read_range(
-        first: int, end: int, me: int, heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float
+        first: int, end: int, me: int, heads: Array, rows: Array, numbers: Array, due: Array, surroundings: Array, t: float
     ) -> None:
-        part(heads, rows, numbers, due[first:end], now, t)
+        part(heads, rows, numbers, due[first:end], surroundings, t)
 
-    def read_all(heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float) -> None:
-        _share(_team_at(now), read_range, (heads, rows, numbers, due, now, t), len(due), _LEAST)
+    def read_all(heads: Array, rows: Array, numbers: Array, due: Array, surroundings: Array, t: float) -> None:
+        _share(_team_at(surroundings), read_range, (heads, rows, numbers, due, surroundings, t), len(due), _LEAST)
 
     return _named_as(read_all, run).made()
 
@@ -177,9 +179,9 @@ def _aiming(aim: Deferred) -> Any:
     part = Deferred(aim.py_func, "compiled")
 
     def aim_all(
-        heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
+        heads: Array, rows: Array, numbers: Array, due: Array, surroundings: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
     ) -> float:  # fmt: skip
-        return float(part(heads, rows, numbers, due, now, t, origin, direction, first, hits))
+        return float(part(heads, rows, numbers, due, surroundings, t, origin, direction, first, hits))
 
     return _named_as(aim_all, aim).made()
 
@@ -222,7 +224,7 @@ def codes_of(kernel: SensorKernel) -> tuple[int, ...]:
 
 
 def read(
-    kernel: SensorKernel, heads: Array, rows: Array, numbers: FloatArray, due: IntArray, now: IntArray, t: float, solids: Geometry
+    kernel: SensorKernel, heads: Array, rows: Array, numbers: FloatArray, due: IntArray, surroundings: IntArray, t: float, solids: Geometry
 ) -> None:
     """Let sensors of a kind read outside a world. In a world `step.readings` does this.
 
@@ -230,20 +232,20 @@ def read(
         kernel: the kind.
         heads, rows, numbers: the arrays of the sensors.
         due: (m) numbers of heads.
-        now: the table of what they see (`surroundings.FORMS`).
+        surroundings: the table of what they see (`surroundings.FORMS`).
         t: simulation time, s.
         solids: the things that rays can hit.
     """
     *aims, run = loops_of(kernel)
     if not aims:
-        run(heads, rows, numbers, due, now, t)
+        run(heads, rows, numbers, due, surroundings, t)
         return
     most = int(heads["rays"][due].sum())
     (origin, direction), first, hits = np.empty((2, most, 3)), np.zeros(len(due) + 1, np.int64), no_hits(0)
     for aim in aims:
-        reach, count = aim(heads, rows, numbers, due, now, t, origin, direction, first, hits), int(first[-1])
+        reach, count = aim(heads, rows, numbers, due, surroundings, t, origin, direction, first, hits), int(first[-1])
         hits = solids.raycast(origin[:count], direction[:count], reach) if count else no_hits(0)
-    run(heads, rows, numbers, due, now, t, direction, first, hits)
+    run(heads, rows, numbers, due, surroundings, t, direction, first, hits)
 
 
 class CompiledSensor(Sensor):

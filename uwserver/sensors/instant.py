@@ -1,7 +1,7 @@
 """What sensors in compiled code can ask about the world at one instant: the bodies, the water, the Earth, thrusters, and sound.
 
-A kernel of a sensor gets `now`, a table of addresses of all arrays (`surroundings.FORMS`), and its own `head`, which says on which body the sensor
-sits and where. Imports numba.
+A kernel of a sensor gets `surroundings`, a table of addresses of all arrays (`surroundings.FORMS`), and its own `head`, which says on which body the
+sensor sits and where. Imports numba.
 """
 
 from __future__ import annotations
@@ -50,36 +50,36 @@ conjugate, quat_from_rpy, rpy_from_quat, spin = (
 
 
 @inlined
-def place_of(now: Array) -> Any:
+def place_of(surroundings: Array) -> Any:
     """Return the PLACE of the world."""
-    return _places_at(now)[0]
+    return _places_at(surroundings)[0]
 
 
 @compiled
-def p_NB(head: Any, now: Array) -> Vec3:
+def p_NB(head: Any, surroundings: Array) -> Vec3:
     """Return the position of the body origin, m in N."""
-    x = state_at(now)[head.body]
+    x = state_at(surroundings)[head.body]
     return x[0], x[1], x[2]
 
 
 @compiled
-def q_NB(head: Any, now: Array) -> Quat:
+def q_NB(head: Any, surroundings: Array) -> Quat:
     """Return the attitude of the body."""
-    x = state_at(now)[head.body]
+    x = state_at(surroundings)[head.body]
     return x[3], x[4], x[5], x[6]
 
 
 @compiled
-def v_NB_B(head: Any, now: Array) -> Vec3:
+def v_NB_B(head: Any, surroundings: Array) -> Vec3:
     """Return the velocity of the body origin, m/s in B."""
-    x = state_at(now)[head.body]
+    x = state_at(surroundings)[head.body]
     return x[7], x[8], x[9]
 
 
 @compiled
-def w_NB_B(head: Any, now: Array) -> Vec3:
+def w_NB_B(head: Any, surroundings: Array) -> Vec3:
     """Return the angular rate of the body, rad/s in B."""
-    x = state_at(now)[head.body]
+    x = state_at(surroundings)[head.body]
     return x[10], x[11], x[12]
 
 
@@ -102,67 +102,67 @@ def q_SB(head: Any) -> Quat:
 
 
 @compiled
-def p_NS(head: Any, now: Array) -> Vec3:
+def p_NS(head: Any, surroundings: Array) -> Vec3:
     """Return the position of the sensor, m in N."""
-    x, y, z = p_NB(head, now)
-    a, b, c = rotate(q_NB(head, now), p_BS(head))
+    x, y, z = p_NB(head, surroundings)
+    a, b, c = rotate(q_NB(head, surroundings), p_BS(head))
     return x + a, y + b, z + c
 
 
 @compiled
-def q_NS(head: Any, now: Array) -> Quat:
+def q_NS(head: Any, surroundings: Array) -> Quat:
     """Return the attitude of the sensor in N."""
-    return multiply(q_NB(head, now), q_BS(head))
+    return multiply(q_NB(head, surroundings), q_BS(head))
 
 
 @compiled
-def velocity_of(head: Any, now: Array) -> Vec3:
+def velocity_of(head: Any, surroundings: Array) -> Vec3:
     """Return the velocity of the sensor's position over ground, m/s in B."""
-    (vx, vy, vz), (wx, wy, wz), (rx, ry, rz) = v_NB_B(head, now), w_NB_B(head, now), p_BS(head)
+    (vx, vy, vz), (wx, wy, wz), (rx, ry, rz) = v_NB_B(head, surroundings), w_NB_B(head, surroundings), p_BS(head)
     return vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx
 
 
 @compiled
-def level_turns(head: Any, now: Array) -> tuple[Vec3, Vec3]:
+def level_turns(head: Any, surroundings: Array) -> tuple[Vec3, Vec3]:
     """Return omega_ie and omega_el (rad/s in B): the rate of the Earth, and the rate at which the level axes turn as the body moves over it."""
-    place, q = place_of(now), q_NB(head, now)
+    place, q = place_of(surroundings), q_NB(head, surroundings)
     rate, curvature = place.rate, place.curvature
-    v = rotate(q, v_NB_B(head, now))
+    v = rotate(q, v_NB_B(head, surroundings))
     with_earth, transport = _turns_of_level(
-        (rate[0], rate[1], rate[2]), (curvature[0], curvature[1]), p_NB(head, now), v
+        (rate[0], rate[1], rate[2]), (curvature[0], curvature[1]), p_NB(head, surroundings), v
     )
     to_B = conjugate(q)
     return rotate(to_B, with_earth), rotate(to_B, transport)
 
 
 @compiled
-def inertial_rate(head: Any, now: Array) -> Vec3:
+def inertial_rate(head: Any, surroundings: Array) -> Vec3:
     """Return the angular rate of the body against the stars, w_IB (rad/s in B). If the Earth does not turn, it is the rate against N."""
-    wx, wy, wz = w_NB_B(head, now)
-    if place_of(now).rotating == 0:
+    wx, wy, wz = w_NB_B(head, surroundings)
+    if place_of(surroundings).rotating == 0:
         return wx, wy, wz
-    (ex, ey, ez), (tx, ty, tz) = level_turns(head, now)
+    (ex, ey, ez), (tx, ty, tz) = level_turns(head, surroundings)
     return wx + ex + tx, wy + ey + ty, wz + ez + tz
 
 
 @compiled
-def specific_force(head: Any, now: Array) -> Vec3:
+def specific_force(head: Any, surroundings: Array) -> Vec3:
     """Return what an ideal accelerometer measures, f_S (m/s2): acceleration of its position minus gravity, in S.
 
     a = v_dot + w x v + w_dot x r + w x (w x r), all in B, from the equations of motion (not from differenced velocity); on a rotating Earth
     also (2 omega_ie + omega_el) x v (Groves 2013, eq. 5.53).
     """
-    d, place = nu_dot_at(now)[head.body], place_of(now)
-    (wx, wy, wz), (ux, uy, uz), (rx, ry, rz) = w_NB_B(head, now), velocity_of(head, now), p_BS(head)
+    d, place = nu_dot_at(surroundings)[head.body], place_of(surroundings)
+    (wx, wy, wz), (ux, uy, uz), (rx, ry, rz) = w_NB_B(head, surroundings), velocity_of(head, surroundings), p_BS(head)
     ax = d[0] + d[4] * rz - d[5] * ry + wy * uz - wz * uy
     ay = d[1] + d[5] * rx - d[3] * rz + wz * ux - wx * uz
     az = d[2] + d[3] * ry - d[4] * rx + wx * uy - wy * ux
     if place.rotating != 0:
-        (ex, ey, ez), (tx, ty, tz) = level_turns(head, now)
+        (ex, ey, ez), (tx, ty, tz) = level_turns(head, surroundings)
         tx, ty, tz = tx + 2.0 * ex, ty + 2.0 * ey, tz + 2.0 * ez
         ax, ay, az = ax + ty * uz - tz * uy, ay + tz * ux - tx * uz, az + tx * uy - ty * ux
-    g = place.gravity * (1.0 + place.growth * max(0.0, p_NB(head, now)[2]))
-    gx, gy, gz = rotate(conjugate(q_NB(head, now)), (0.0, 0.0, g))
+    g = place.gravity * (1.0 + place.growth * max(0.0, p_NB(head, surroundings)[2]))
+    gx, gy, gz = rotate(conjugate(q_NB(head, surroundings)), (0.0, 0.0, g))
     return rotate(q_SB(head), (ax - gx, ay - gy, az - gz))
 
 
@@ -182,58 +182,58 @@ def _interpolated(column: Array, key: int, k: int, x: float) -> float:
 
 
 @compiled
-def water_property(now: Array, k: int, depth: float) -> float:
+def water_property(surroundings: Array, k: int, depth: float) -> float:
     """Return column k (`TEMPERATURE` to `SOUND_SPEED`) of the water column at a depth below z = 0, m."""
-    return _interpolated(_column_at(now), DEPTH, k, max(0.0, depth))
+    return _interpolated(_column_at(surroundings), DEPTH, k, max(0.0, depth))
 
 
 @compiled
-def depth_of(now: Array, gauge: float) -> float:
+def depth_of(surroundings: Array, gauge: float) -> float:
     """Return the depth (m) at which the water above has this pressure, Pa."""
-    return _interpolated(_column_at(now), PRESSURE, DEPTH, gauge)
+    return _interpolated(_column_at(surroundings), PRESSURE, DEPTH, gauge)
 
 
 @compiled
-def _point(now: Array, p: Vec3, t: float, point: Array) -> None:
-    water_at(SeaRows(_uniform_at(now), _profiles_at(now), _waves_at(now)), p[0], p[1], p[2], t, point)
+def _point(surroundings: Array, p: Vec3, t: float, point: Array) -> None:
+    water_at(SeaRows(_uniform_at(surroundings), _profiles_at(surroundings), _waves_at(surroundings)), p[0], p[1], p[2], t, point)
 
 
 @compiled
-def water_velocity(now: Array, p: Vec3, t: float) -> Vec3:
+def water_velocity(surroundings: Array, p: Vec3, t: float) -> Vec3:
     """Return the velocity of the water at a point of N (m) and time t (s) in the present tick, m/s in N."""
-    place = place_of(now)
+    place = place_of(surroundings)
     if place.moves == 0:
         return place.current[0], place.current[1], place.current[2]
     point = np.empty(POINT_SIZE)
-    _point(now, p, t, point)
+    _point(surroundings, p, t, point)
     return point[V], point[V + 1], point[V + 2]
 
 
 @compiled
-def submergence(now: Array, p: Vec3, t: float) -> float:
+def submergence(surroundings: Array, p: Vec3, t: float) -> float:
     """Return how far a point of N is below the sea surface, m; negative in air."""
-    if place_of(now).moves == 0:
+    if place_of(surroundings).moves == 0:
         return p[2]
     point = np.empty(POINT_SIZE)
-    _point(now, (p[0], p[1], 0.0), t, point)
+    _point(surroundings, (p[0], p[1], 0.0), t, point)
     return float(p[2] + point[ELEVATION])
 
 
 @compiled
-def gauge_pressure(now: Array, p: Vec3, t: float) -> float:
+def gauge_pressure(surroundings: Array, p: Vec3, t: float) -> float:
     """Return the pressure of the water (Pa, above the atmospheric one) at a point of N (m) and time t (s), as `Water.pressure` does."""
     head = p[2]
-    if place_of(now).moves != 0:
+    if place_of(surroundings).moves != 0:
         point = np.empty(POINT_SIZE)
-        _point(now, p, t, point)
+        _point(surroundings, p, t, point)
         head += point[HEAD]
-    return _interpolated(_column_at(now), DEPTH, PRESSURE, max(0.0, head))
+    return _interpolated(_column_at(surroundings), DEPTH, PRESSURE, max(0.0, head))
 
 
 @compiled
-def magnetic_field(now: Array, p: Vec3) -> Vec3:
+def magnetic_field(surroundings: Array, p: Vec3) -> Vec3:
     """Return the magnetic field of the Earth (T, in N) at a point of N (m), as `Earth.magnetic_field` does."""
-    m, (x, y, z) = place_of(now).magnetic, p
+    m, (x, y, z) = place_of(surroundings).magnetic, p
     return (
         m[0, 0] + m[1, 0] * x + m[2, 0] * y + m[3, 0] * z,
         m[0, 1] + m[1, 1] * x + m[2, 1] * y + m[3, 1] * z,
@@ -242,10 +242,10 @@ def magnetic_field(now: Array, p: Vec3) -> Vec3:
 
 
 @compiled
-def thrust(now: Array, k: int) -> float:
+def thrust(surroundings: Array, k: int) -> float:
     """Return the open-water thrust of a row of thrusters at rest, N: after the lag, before inflow and installation."""
-    thruster = _thrusters_at(now)[k]
-    lag = _lags_at(now)[thruster.lag]
+    thruster = _thrusters_at(surroundings)[k]
+    lag = _lags_at(surroundings)[thruster.lag]
     force = lag.D * thruster.demand
     for i in range(3):
         force += lag.C[i] * thruster.x[i]
@@ -253,44 +253,44 @@ def thrust(now: Array, k: int) -> float:
 
 
 @compiled
-def shaft_speed(head: Any, now: Array, number: int) -> float:
+def shaft_speed(head: Any, surroundings: Array, number: int) -> float:
     """Return the shaft speed of a thruster of the vehicle, by its number there: rad/s, with the sign of the thrust; NaN if it is not known."""
-    body = _bodies_at(now)[head.body]
+    body = _bodies_at(surroundings)[head.body]
     if not 0 <= number < body.thruster_count:
         return math.nan
     k = body.thruster_first + number
-    electric, force = _electrics_at(now)[k], thrust(now, k)
+    electric, force = _electrics_at(surroundings)[k], thrust(surroundings, k)
     if electric.wired == 0:
         return math.nan
     return math.copysign(electric.speed[1 if force < 0.0 else 0] * math.sqrt(abs(force)), force)
 
 
 @compiled
-def power(head: Any, now: Array) -> float:
+def power(head: Any, surroundings: Array) -> float:
     """Return the electric power that all thrusters of the vehicle draw, W."""
-    body, electrics = _bodies_at(now)[head.body], _electrics_at(now)
+    body, electrics = _bodies_at(surroundings)[head.body], _electrics_at(surroundings)
     total = 0.0
     for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
         if electrics[k].wired != 0:
-            force = thrust(now, k)
+            force = thrust(surroundings, k)
             total += electrics[k].power[1 if force < 0.0 else 0] * abs(force) ** 1.5
     return total
 
 
 @compiled
-def supply_voltage(head: Any, now: Array) -> float:
+def supply_voltage(head: Any, surroundings: Array) -> float:
     """Return the supply voltage of the vehicle's first wired thruster, V; 0 without any."""
-    body, electrics = _bodies_at(now)[head.body], _electrics_at(now)
+    body, electrics = _bodies_at(surroundings)[head.body], _electrics_at(surroundings)
     for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
         if electrics[k].wired != 0:
-            return float(_thrusters_at(now)[k].voltage)
+            return float(_thrusters_at(surroundings)[k].voltage)
     return 0.0
 
 
 @compiled
-def supply(head: Any, now: Array, voltage: float) -> None:
+def supply(head: Any, surroundings: Array, voltage: float) -> None:
     """Set the supply voltage of the vehicle's wired thrusters, V. 0 stops them."""
-    body, electrics, thrusters = _bodies_at(now)[head.body], _electrics_at(now), _thrusters_at(now)
+    body, electrics, thrusters = _bodies_at(surroundings)[head.body], _electrics_at(surroundings), _thrusters_at(surroundings)
     for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
         if electrics[k].wired != 0:
             thrusters[k].voltage, thrusters[k].fresh = voltage, 1
@@ -299,10 +299,10 @@ def supply(head: Any, now: Array, voltage: float) -> None:
 
 
 @inlined
-def touched(now: Array) -> tuple[Array, Array, Array, Array, int]:
+def touched(surroundings: Array) -> tuple[Array, Array, Array, Array, int]:
     """Return the contacts of the last tick: rows of the bodies a and b (-1 for something that does not move), points (m) and impulses on a (N s),
     both in N; and how many there are, as the arrays are longer."""
-    table = _touching_at(now)
+    table = _touching_at(surroundings)
     count = _counts_at(table)[touching.KEPT]
     return _body_a_at(table), _body_b_at(table), _point_at(table), _impulse_at(table), count
 
@@ -311,22 +311,22 @@ MU_SURFACE = 10.0 ** (0.1 * SURFACE_DB)
 
 
 @compiled
-def absorption(now: Array, frequency: float, depth: float) -> float:
+def absorption(surroundings: Array, frequency: float, depth: float) -> float:
     """Return the absorption of sound of a frequency (Hz), dB/m, at a depth (m)."""
-    temperature, salinity = water_property(now, TEMPERATURE, depth), water_property(now, SALINITY, depth)
-    return _absorption(frequency, temperature, salinity, depth, place_of(now).ph)
+    temperature, salinity = water_property(surroundings, TEMPERATURE, depth), water_property(surroundings, SALINITY, depth)
+    return _absorption(frequency, temperature, salinity, depth, place_of(surroundings).ph)
 
 
 @compiled
-def ground_of(now: Array) -> Ground:
+def ground_of(surroundings: Array) -> Ground:
     """Return how strongly the things that rays hit scatter sound back."""
-    return Ground(_lambert_at(now), MU_SURFACE)
+    return Ground(_lambert_at(surroundings), MU_SURFACE)
 
 
 @compiled
-def echo_of(now: Array, direction: Array, normal: Array, body: int, material: int) -> float:
+def echo_of(surroundings: Array, direction: Array, normal: Array, body: int, material: int) -> float:
     """Return the intensity that a square metre of the hit surface scatters back at 1 m, per unit of incident intensity."""
-    return returned(direction, normal, body, material, ground_of(now))
+    return returned(direction, normal, body, material, ground_of(surroundings))
 
 
 @compiled

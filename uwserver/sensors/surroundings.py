@@ -1,4 +1,4 @@
-"""The arrays of sensors in compiled code: the head of each sensor, and the table `now` of what they see of the world."""
+"""The arrays of sensors in compiled code: the head of each sensor, and the table `surroundings` of what they see of the world."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ FORMS: Forms = {
     "touching": columns(np.int64, 2),  # the contacts, which are a table themselves (`physics.contact.touching`)
     "voices": VOICE,  # of all sonars
 }
-"""The arrays of the table `now`."""
+"""The arrays of the table `surroundings`."""
 
 
 def water_arrays(water: Water) -> dict[str, Any]:

@@ -37,35 +37,35 @@ _RECORD = record([])
 
 
 @compiled
-def pose(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+def pose(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> None:
     """Write p_NB and q_NB."""
-    out[0], out[1], out[2] = p_NB(head, now)
-    out[3], out[4], out[5], out[6] = q_NB(head, now)
+    out[0], out[1], out[2] = p_NB(head, surroundings)
+    out[3], out[4], out[5], out[6] = q_NB(head, surroundings)
 
 
 @compiled
-def velocity(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+def velocity(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> None:
     """Write nu."""
-    out[0], out[1], out[2] = v_NB_B(head, now)
-    out[3], out[4], out[5] = w_NB_B(head, now)
+    out[0], out[1], out[2] = v_NB_B(head, surroundings)
+    out[3], out[4], out[5] = w_NB_B(head, surroundings)
 
 
 @compiled
-def acceleration(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+def acceleration(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> None:
     """Write nu_dot."""
-    out[:] = nu_dot_at(now)[head.body]
+    out[:] = nu_dot_at(surroundings)[head.body]
 
 
 @compiled
-def wrench(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+def wrench(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> None:
     """Write tau."""
-    out[:] = tau_at(now)[head.body]
+    out[:] = tau_at(surroundings)[head.body]
 
 
 @compiled
-def flow(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+def flow(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> None:
     """Write the velocity of the water in B."""
-    out[0], out[1], out[2] = rotate(conjugate(q_NB(head, now)), water_velocity(now, p_NB(head, now), t))
+    out[0], out[1], out[2] = rotate(conjugate(q_NB(head, surroundings)), water_velocity(surroundings, p_NB(head, surroundings), t))
 
 
 class _Exact(CompiledSensor):

@@ -10,13 +10,13 @@ from uwserver.physics.kernel.calling import call
 from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.kernel.handles import array_at
 from uwserver.physics.kernel.layout import Codes, SeaRows
-from uwserver.sensors import surroundings
+from uwserver.sensors.surroundings import FORMS as SURROUNDINGS
 from uwserver.step import rows
 
-_course, _run, _world, _now = (array_at(rows.FORMS, name) for name in ("course", "run", "world", "now"))
+_course, _run, _world, _surroundings = (array_at(rows.FORMS, name) for name in ("course", "run", "world", "surroundings"))
 _touching, _contact_nu_dot = (array_at(rows.FORMS, name) for name in ("touching", "contact_nu_dot"))
 _nu_dot, _tau = (array_at(rows.FORMS, name) for name in ("nu_dot", "tau"))
-_uniform, _profiles, _waves = (array_at(surroundings.FORMS, name) for name in ("uniform", "profiles", "waves"))
+_uniform, _profiles, _waves = (array_at(SURROUNDINGS, name) for name in ("uniform", "profiles", "waves"))
 
 
 @compiled
@@ -38,9 +38,9 @@ def seconds_of(course: Any, tick: int) -> float:
 @compiled
 def fill_flows(table: Array, ahead: float) -> None:
     """Find the water velocity at the bodies, where they are `ahead` s after the present tick. Does nothing without a sea."""
-    course, now = _course(table)[0], _now(table)
+    course, surroundings = _course(table)[0], _surroundings(table)
     if course.fill_flows != 0:
-        sea = SeaRows(_uniform(now), _profiles(now), _waves(now))
+        sea = SeaRows(_uniform(surroundings), _profiles(surroundings), _waves(surroundings))
         call(course.fill_flows, (_world(table), sea, seconds_of(course, _run(table)[0].tick), ahead))
 
 

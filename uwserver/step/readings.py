@@ -12,7 +12,7 @@ from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.kernel.handles import array_at, lay
 from uwserver.physics.rays.hits import miss
 from uwserver.physics.rays.raycast import NOTHING, Hits
-from uwserver.sensors import surroundings
+from uwserver.sensors.surroundings import FORMS as SURROUNDINGS
 from uwserver.step import bodies, rows, streams
 from uwserver.step.bodies import seconds_of, time_of
 from uwserver.step.rows import (
@@ -50,7 +50,7 @@ _shares, _scheduled, _members, _active = (
     array_at(rows.FORMS, name) for name in ("shares", "scheduled", "members", "active")
 )
 _due, _turns, _turn, _place_of = (array_at(rows.FORMS, name) for name in ("due", "turns", "turn", "place"))
-_world, _now, _pilots, _solids = (array_at(rows.FORMS, name) for name in ("world", "now", "pilots", "solids"))
+_world, _surroundings, _pilots, _solids = (array_at(rows.FORMS, name) for name in ("world", "surroundings", "pilots", "solids"))
 _origin, _direction, _first, _past = (array_at(rows.FORMS, name) for name in ("origin", "direction", "first", "past"))
 _distance, _normal, _body, _material = (array_at(rows.FORMS, name) for name in Hits._fields)
 _state, _nu_dot, _tau = (array_at(rows.FORMS, name) for name in ("state", "nu_dot", "tau"))
@@ -58,7 +58,7 @@ _heads, _numbers, _pending = (array_at(streams.FORMS, name) for name in ("heads"
 _counts, _streams = (array_at(streams.FORMS, name) for name in ("counts", "streams"))
 _log_numbers = array_at(streams.FORMS, "log_numbers")
 _uniform, _profiles, _waves, _place = (
-    array_at(surroundings.FORMS, name) for name in ("uniform", "profiles", "waves", "place")
+    array_at(SURROUNDINGS, name) for name in ("uniform", "profiles", "waves", "place")
 )
 
 
@@ -151,7 +151,7 @@ def _gather(table: Array) -> None:
 @compiled
 def _aim(table: Array, sensors: Array, kind: Any, due: Array, records: Array, t: float) -> Hits:
     """Cast the rays of the sensors of one kind, once for each time that the kind aims (`SensorKernel.aims`). Returns what the last rays hit."""
-    course, now, heads, numbers = _course(table)[0], _now(table), _heads(sensors), _numbers(sensors)
+    course, surroundings, heads, numbers = _course(table)[0], _surroundings(table), _heads(sensors), _numbers(sensors)
     first, past = _first(table)[: len(due) + 1], _past(table)
     origin, direction = _origin(table), _direction(table)
     distance, normal, body, material = _distance(table), _normal(table), _body(table), _material(table)
@@ -159,7 +159,7 @@ def _aim(table: Array, sensors: Array, kind: Any, due: Array, records: Array, t:
     for aim in (kind.aim, kind.aim_again):
         if aim == 0:
             continue
-        reach = call_for_float(aim, (heads, records, numbers, due, now, t, origin, direction, first, hits))
+        reach = call_for_float(aim, (heads, records, numbers, due, surroundings, t, origin, direction, first, hits))
         n = first[len(due)]
         hits = Hits(distance[:n], normal[:n], body[:n], material[:n])
         for k in range(len(due)):
@@ -178,7 +178,7 @@ def _read(table: Array, sensors: Array, kind: Any, due: Array) -> None:
     """Make the sensors of one kind read."""
     t = seconds_of(_course(table)[0], _run(table)[0].tick)
     records = lay(kind.rows, kind.row_count)
-    given = _heads(sensors), records, _numbers(sensors), due, _now(table), t
+    given = _heads(sensors), records, _numbers(sensors), due, _surroundings(table), t
     if kind.by_rays != 0:
         hits = _aim(table, sensors, kind, due, records, t)
         call(kind.code, given + (_direction(table), _first(table)[: len(due) + 1], hits))  # noqa: RUF005  # as numba joins tuples
@@ -296,7 +296,7 @@ def _round(table: Array, sensors: Array, values: Array, told_values: Array) -> i
     course, run, kinds = _course(table)[0], _run(table)[0], _kinds(table)
     if run.stage == RATES:
         run.stage, run.turn = EXACT, 0
-        _place(_now(table))[0].t_ns = run.t_ns
+        _place(_surroundings(table))[0].t_ns = run.t_ns
         if run.needs & NEEDS_RATES:
             bodies.fill_flows(table, 0.0)
             bodies.find_rates(table)

@@ -165,7 +165,7 @@ FORMS: Forms = {
     "groups": GROUP,
     "active": columns(np.int64),  # groups that are due in the tick
     "world": columns(np.int64, 2),  # tables
-    "now": columns(np.int64, 2),
+    "surroundings": columns(np.int64, 2),
     "intervals": columns(np.int64),  # of drifting currents: ticks from draw to draw
     "touching": columns(np.int64, 2),
     "pilots": columns(np.int64, 2),

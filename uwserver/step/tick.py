@@ -14,7 +14,7 @@ from uwserver.physics.kernel.atomics import load_atomic
 from uwserver.physics.kernel.calling import call, call_for_number
 from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import array_at
-from uwserver.sensors import surroundings
+from uwserver.sensors.surroundings import FORMS as SURROUNDINGS
 from uwserver.step import bodies, contact, rows, streams
 from uwserver.step.bodies import seconds_of, time_of
 from uwserver.step.readings import brings_large, is_measured, measure, needs_room
@@ -36,12 +36,12 @@ from uwserver.step.rows import (
     WHEN_CALLED,
 )
 
-_course, _run, _ends, _world, _now, _pilots = (
-    array_at(rows.FORMS, name) for name in ("course", "run", "ends", "world", "now", "pilots")
+_course, _run, _ends, _world, _surroundings, _pilots = (
+    array_at(rows.FORMS, name) for name in ("course", "run", "ends", "world", "surroundings", "pilots")
 )
 _told, _counts = (array_at(streams.FORMS, name) for name in ("told", "counts"))
 _drifts, _intervals = array_at(rows.FORMS, "drifts"), array_at(rows.FORMS, "intervals")
-_place, _uniform = array_at(surroundings.FORMS, "place"), array_at(surroundings.FORMS, "uniform")
+_place, _uniform = array_at(SURROUNDINGS, "place"), array_at(SURROUNDINGS, "uniform")
 
 
 @compiled
@@ -64,16 +64,16 @@ def _begins_interval(table: Array) -> bool:
 @compiled
 def _move_water(table: Array) -> None:
     """Set the uniform part of the water velocity to that of the present tick. Between two draws a drifting current changes linearly."""
-    course, run, now, drifts, intervals = (
+    course, run, surroundings, drifts, intervals = (
         _course(table)[0],
         _run(table)[0],
-        _now(table),
+        _surroundings(table),
         _drifts(table),
         _intervals(table),
     )
     if course.fill_flows == 0:
         return
-    uniform, steady = _uniform(now), _place(now)[0].current
+    uniform, steady = _uniform(surroundings), _place(surroundings)[0].current
     for a in range(3):
         uniform[a], uniform[3 + a] = steady[a], 0.0
     uniform[6] = seconds_of(course, run.tick)

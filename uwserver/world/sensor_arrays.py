@@ -18,9 +18,10 @@ from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.rays.raycast import Geometry
 from uwserver.ports.thinning import Thinning
 from uwserver.ports.told import Log
-from uwserver.sensors import Scope, surroundings
+from uwserver.sensors import Scope
 from uwserver.sensors.compiled import HEAD, SensorKernel, load
 from uwserver.sensors.others import Sight
+from uwserver.sensors.surroundings import FORMS as SURROUNDINGS
 from uwserver.sensors.surroundings import place_row, water_arrays
 from uwserver.sensors.voices import VOICE
 from uwserver.sensors.wiring import ELECTRIC, Wiring
@@ -32,8 +33,8 @@ _SLOTS = 64
 _LOGGED, _LOGGED_NUMBERS = 4096, 1 << 17
 """Samples in a log, and numbers in it: most samples have few numbers. A log is larger if one tick needs more."""
 _NONE: FloatArray = np.zeros(0)
-_TOUCHING = list(surroundings.FORMS).index("touching")
-"""Place of the contacts in `now`."""
+_TOUCHING = list(SURROUNDINGS).index("touching")
+"""Place of the contacts in `surroundings`."""
 
 
 class Around(NamedTuple):
@@ -52,7 +53,7 @@ class SensorArrays:
     """The rows of all sensors. Other parts decide which sensors there are; this class knows where their rows are.
 
     Attributes:
-        now: addresses of the arrays that sensors see (`sensors.surroundings`).
+        surroundings: addresses of the arrays that sensors see (`sensors.surroundings`).
         table: addresses of the arrays of the sensors themselves (`step.streams.FORMS`).
         heads, streams, operations, numbers: of all sensors (`sensors.compiled`, `step.streams`, `modifiers.operations`).
         voices: of all sonars (`sensors.voices`).
@@ -65,7 +66,7 @@ class SensorArrays:
         is_read: whether anything reads samples.
     """
 
-    now: IntArray
+    surroundings: IntArray
     table: IntArray
 
     def __init__(self, hydro: Hydrodynamics, water: Water, around: Callable[[], Around]) -> None:
@@ -126,13 +127,13 @@ class SensorArrays:
 
     def _tabulate_visible(self) -> None:
         self._visible["touching"] = self._hydro.touching.table
-        self.now = layout.addresses(surroundings.FORMS, self._visible)
+        self.surroundings = layout.addresses(SURROUNDINGS, self._visible)
 
     def follow_contacts(self) -> None:
-        """Find the contacts of the world again, as their array moves when it grows. `now` itself stays where it is, because others have its
+        """Find the contacts of the world again, as their array moves when it grows. `surroundings` itself stays where it is, because others have its
         address."""
         self._visible["touching"] = table = self._hydro.touching.table
-        self.now[_TOUCHING] = table.ctypes.data, len(table)
+        self.surroundings[_TOUCHING] = table.ctypes.data, len(table)
 
     def move(self, place: Callable[[Any], Any]) -> None:
         """Move everything that a tick writes to other memory, after the rows of the bodies: `place` returns a copy of an array there."""
@@ -146,7 +147,7 @@ class SensorArrays:
         self._visible |= own | {name: getattr(self._hydro, name) for name in ("state", "bodies", "thrusters")}
         self._tabulate_visible()
         self._tabulate()
-        self.now, self.table = place(self.now), place(self.table)
+        self.surroundings, self.table = place(self.surroundings), place(self.table)
 
     def _tabulate(self) -> None:
         rows = {

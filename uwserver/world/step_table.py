@@ -103,7 +103,7 @@ class StepTable:
         """Return the objects on which the table depends."""
         autopilots, sensor_arrays, hydro, solids = self.pilots.arrays, self.sensor_arrays, self.hydro, self.sensor_arrays.solids
         return (
-            hydro.table, sensor_arrays.now, sensor_arrays.heads.rows, self.sensing.groups, None if autopilots is None else autopilots.table,
+            hydro.table, sensor_arrays.surroundings, sensor_arrays.heads.rows, self.sensing.groups, None if autopilots is None else autopilots.table,
             hydro.collider, hydro.touching, hydro.contact_nu_dot, self.finding(), solids, self._met(solids),
         )  # fmt: skip
 
@@ -140,7 +140,8 @@ class StepTable:
         )  # fmt: skip
         self.rows = made.rows | {
             "course": course, "run": self.run.view(rows.RUN), "ends": self.ends, "solids": solids, "world": hydro.table,
-            "now": sensor_arrays.now, "pilots": _NO_TABLE if autopilots is None else autopilots.table, "shapes": finding.table, "touching": hydro.touching.table,
+            "surroundings": sensor_arrays.surroundings, "pilots": _NO_TABLE if autopilots is None else autopilots.table,
+            "shapes": finding.table, "touching": hydro.touching.table,
             **dict(zip(_FOUND, finding[5:], strict=True)), "contact_nu_dot": hydro.contact_nu_dot,
             "drifts": drifts, "intervals": intervals, "state": hydro.state, "nu_dot": sensor_arrays.nu_dot, "tau": sensor_arrays.tau,
         }  # fmt: skip

@@ -49,34 +49,34 @@ PLACES = [(1.0, 2.0, 5.0), (-30.0, 4.0, -2.0), (500.0, -700.0, 17.5), (0.0, 0.0,
 
 
 @entry
-def ask(heads, now, t, out):
+def ask(heads, surroundings, t, out):
     """One answer after the other."""
     head = heads[0]
-    p = instant.p_NS(head, now)
+    p = instant.p_NS(head, surroundings)
     out[0], out[1], out[2] = p
-    out[3], out[4], out[5], out[6] = instant.q_NS(head, now)
-    out[7], out[8], out[9] = instant.velocity_of(head, now)
-    out[10], out[11], out[12] = instant.specific_force(head, now)
+    out[3], out[4], out[5], out[6] = instant.q_NS(head, surroundings)
+    out[7], out[8], out[9] = instant.velocity_of(head, surroundings)
+    out[10], out[11], out[12] = instant.specific_force(head, surroundings)
     for k in range(1, 5):
-        out[12 + k] = instant.water_property(now, k, p[2])
-    out[17] = instant.gauge_pressure(now, p, t)
-    out[18], out[19], out[20] = instant.water_velocity(now, p, t)
-    out[21] = instant.submergence(now, p, t)
-    out[22], out[23], out[24] = instant.magnetic_field(now, p)
-    out[25] = instant.absorption(now, 5e5, p[2])
-    out[26] = instant.depth_of(now, instant.gauge_pressure(now, (p[0], p[1], max(0.0, p[2])), t))
+        out[12 + k] = instant.water_property(surroundings, k, p[2])
+    out[17] = instant.gauge_pressure(surroundings, p, t)
+    out[18], out[19], out[20] = instant.water_velocity(surroundings, p, t)
+    out[21] = instant.submergence(surroundings, p, t)
+    out[22], out[23], out[24] = instant.magnetic_field(surroundings, p)
+    out[25] = instant.absorption(surroundings, 5e5, p[2])
+    out[26] = instant.depth_of(surroundings, instant.gauge_pressure(surroundings, (p[0], p[1], max(0.0, p[2])), t))
     out[27], out[28], out[29], out[30] = instant.q_SB(head)
 
 
 @entry
-def inside(heads, now, voltage, out):
+def inside(heads, surroundings, voltage, out):
     """What the vehicle is wired to; then the supply is set."""
     head = heads[0]
-    out[0] = instant.shaft_speed(head, now, 0)
-    out[1] = instant.power(head, now)
-    out[2] = instant.supply_voltage(head, now)
+    out[0] = instant.shaft_speed(head, surroundings, 0)
+    out[1] = instant.power(head, surroundings)
+    out[2] = instant.supply_voltage(head, surroundings)
     if voltage >= 0.0:
-        instant.supply(head, now, voltage)
+        instant.supply(head, surroundings, voltage)
 
 
 def head_on(mount):

@@ -25,20 +25,20 @@ class PingConfig(SensorTable, tag="ping", kw_only=True, frozen=True):
         return Ping(mount)
 
 @entry
-def aim(heads, rows, numbers, due, now, t, origin, direction, first, hits):
+def aim(heads, rows, numbers, due, surroundings, t, origin, direction, first, hits):
     count = 0
     for n, k in enumerate(due):
         head = heads[k]
         first[n] = count
         if begins(head):
-            origin[count, 0], origin[count, 1], origin[count, 2] = p_NS(head, now)
-            direction[count, 0], direction[count, 1], direction[count, 2] = rotate(q_NS(head, now), (0.0, 0.0, 1.0))
+            origin[count, 0], origin[count, 1], origin[count, 2] = p_NS(head, surroundings)
+            direction[count, 0], direction[count, 1], direction[count, 2] = rotate(q_NS(head, surroundings), (0.0, 0.0, 1.0))
             count += 1
     first[len(due)] = count
     return {reach}
 
 @entry
-def run(heads, rows, numbers, due, now, t, direction, first, hits):
+def run(heads, rows, numbers, due, surroundings, t, direction, first, hits):
     for n, k in enumerate(due):
         if heads[k].number > {most}:
             raise ValueError("it has had enough")

@@ -148,12 +148,12 @@ def cone(half: float, rings: int, k: int, j: int) -> Vec3:
 
 @compiled
 def aim(
-    head: Any, row: Any, now: Array, t: float, origin: Array, direction: Array, count: int
+    head: Any, row: Any, surroundings: Array, t: float, origin: Array, direction: Array, count: int
 ) -> tuple[int, float]:  # fmt: skip
     """Lay the rays of the cone if the device pings."""
-    if not pings(head, row, now, t):
+    if not pings(head, row, surroundings, t):
         return count, 0.0
-    p, q = p_NS(head, now), q_NS(head, now)
+    p, q = p_NS(head, surroundings), q_NS(head, surroundings)
     for ring in range(row.rings + 1):
         for j in range(max(1, 6 * ring)):
             lay_ray(p, rotate(q, cone(row.half, row.rings, ring, j)), count, origin, direction)
@@ -177,24 +177,24 @@ def _keep_body(row: Any, body: int, distance: float, excess: float) -> None:
 
 
 @compiled
-def _power(row: Any, now: Array, loss: float, direction: Array, k: int, hits: Any) -> float:
+def _power(row: Any, surroundings: Array, loss: float, direction: Array, k: int, hits: Any) -> float:
     """Return signal over noise (a ratio) of the echo of ray k; `loss`: absorption both ways, bel/m.
 
     The echo of an extended bottom loses 20 lg r + 2 alpha r. Sediment that fills the cone at the largest range is at the threshold.
     """
     r = min(max(hits.distance[k], 1e-3), BEYOND * row.reach)
     rays = 1 + 3 * row.rings * (row.rings + 1)
-    back = echo_of(now, direction[k], hits.normal[k], hits.body[k], hits.material[k])
+    back = echo_of(surroundings, direction[k], hits.normal[k], hits.body[k], hits.material[k])
     level = (row.reach / r) ** 2 * 10.0 ** (loss * (row.reach - r)) * back
     return float(level * 10.0 ** (0.1 * THRESHOLD_DB) / (MU_SEDIMENT * rays))
 
 
 @compiled
-def _bodies(head: Any, row: Any, now: Array, t: float, direction: Array, begin: int, end: int, hits: Any) -> None:
+def _bodies(head: Any, row: Any, surroundings: Array, t: float, direction: Array, begin: int, end: int, hits: Any) -> None:
     """Find the bodies that this ping hears: the distance of each along its nearest ray (m), and its level above the threshold (dB)."""
-    p = p_NS(head, now)
-    height, limit = submergence(now, p, t), BEYOND * row.reach
-    loss = 0.2 * sound_absorption(now, row.frequency, p[2])
+    p = p_NS(head, surroundings)
+    height, limit = submergence(surroundings, p, t), BEYOND * row.reach
+    loss = 0.2 * sound_absorption(surroundings, row.frequency, p[2])
     chance, _ = uniforms(head.key, head.number, SAMPLE, 0)
     # The threshold varies with a logistic distribution, so that weak echoes come and go.
     luck = math.log(max(chance, 1e-12) / max(1.0 - chance, 1e-12))
@@ -211,7 +211,7 @@ def _bodies(head: Any, row: Any, now: Array, t: float, direction: Array, begin: 
         power, nearest = 0.0, math.inf
         for i in range(k, end):
             if hits.body[i] == body:
-                power += _power(row, now, loss, direction, i, hits)
+                power += _power(row, surroundings, loss, direction, i, hits)
                 nearest = min(nearest, hits.distance[i])
         excess = 10.0 * math.log10(max(power, 1e-30)) - threshold
         if head.exact != 0 or excess >= 0.0:
@@ -219,7 +219,7 @@ def _bodies(head: Any, row: Any, now: Array, t: float, direction: Array, begin: 
 
 
 @compiled
-def _foot(head: Any, row: Any, now: Array, begin: int, end: int, n: int, hits: Any) -> Vec3:
+def _foot(head: Any, row: Any, surroundings: Array, begin: int, end: int, n: int, hits: Any) -> Vec3:
     """Return the direction in N of the nearest point of body n in the cone.
 
     That is the foot of the perpendicular on the plane that the nearest ray hits, or the point at the edge of the cone that is closest to it.
@@ -229,7 +229,7 @@ def _foot(head: Any, row: Any, now: Array, begin: int, end: int, n: int, hits: A
         if hits.body[i] == row.body[n] and hits.distance[i] == row.distance[n]:
             ray = i
             break
-    normal, q = hits.normal[ray], q_NS(head, now)
+    normal, q = hits.normal[ray], q_NS(head, surroundings)
     x, y, z = rotate(conjugate(q), (-normal[0], -normal[1], -normal[2]))
     across = math.hypot(x, y)
     if math.atan2(across, z) > row.half:
@@ -241,7 +241,7 @@ def _foot(head: Any, row: Any, now: Array, begin: int, end: int, n: int, hits: A
 
 @entry
 def refine(
-    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
+    heads: Array, rows: Array, numbers: Array, due: Array, surroundings: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
 ) -> float:  # fmt: skip
     """Lay one ray to the nearest point of each body that is heard. A sensor never has more of these rays than it had in its cone."""
     count, begin, reach = 0, first[0], 0.0
@@ -249,10 +249,10 @@ def refine(
         end, head = first[n + 1], heads[k]
         first[n] = count
         if end > begin:
-            row, p = rows[head.row], p_NS(head, now)
-            _bodies(head, row, now, t, direction, begin, end, hits)
+            row, p = rows[head.row], p_NS(head, surroundings)
+            _bodies(head, row, surroundings, t, direction, begin, end, hits)
             for i in range(row.heard):
-                lay_ray(p, _foot(head, row, now, begin, end, i, hits), count, origin, direction)
+                lay_ray(p, _foot(head, row, surroundings, begin, end, i, hits), count, origin, direction)
                 count += 1
             reach = max(reach, BEYOND * row.reach)
         else:
@@ -263,9 +263,9 @@ def refine(
 
 
 @compiled
-def _nearest(head: Any, row: Any, now: Array, t: float, direction: Array, first: int, hits: Any) -> tuple[float, float]:
+def _nearest(head: Any, row: Any, surroundings: Array, t: float, direction: Array, first: int, hits: Any) -> tuple[float, float]:
     """Return the distance of the nearest body that is heard, m (inf for none), and its level above the threshold, dB."""
-    height, best, excess = submergence(now, p_NS(head, now), t), math.inf, 0.0
+    height, best, excess = submergence(surroundings, p_NS(head, surroundings), t), math.inf, 0.0
     for i in range(row.heard):
         meet_surface(height, direction, BEYOND * row.reach, first + i, hits)
         reach = row.distance[i]
@@ -292,15 +292,15 @@ def _taken(head: Any, row: Any, reach: float, excess: float) -> tuple[float, flo
 
 @compiled
 def measure(
-    head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
+    head: Any, row: Any, surroundings: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
 ) -> None:  # fmt: skip
     """Read the range of the nearest body that is heard."""
-    c = water_property(now, SOUND_SPEED, p_NS(head, now)[2])
+    c = water_property(surroundings, SOUND_SPEED, p_NS(head, surroundings)[2])
     wait = 2.0 * row.high / c
     row.m.ready = t + wait
     out[0], out[1], head.valid = MISSING, MISSING, 0
     if row.heard > 0:
-        reach, excess = _nearest(head, row, now, t, direction, begin, hits)
+        reach, excess = _nearest(head, row, surroundings, t, direction, begin, hits)
         reach, excess = _taken(head, row, reach, excess)
         if reach < math.inf:
             wait, head.valid, out[0], out[1] = 2.0 * reach / c, 1, reach, min(1.0, excess / SURE_DB)

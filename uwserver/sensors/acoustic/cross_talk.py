@@ -173,30 +173,30 @@ class CompiledSonar(Sonar, CompiledSensor):
 
 
 @compiled
-def sound_speed(head: Any, row: Any, now: Array, z: float) -> tuple[float, float]:
+def sound_speed(head: Any, row: Any, surroundings: Array, z: float) -> tuple[float, float]:
     """Return the true sound speed at a depth z (m), and the one that the device believes, m/s."""
-    c = water_property(now, SOUND_SPEED, z)
+    c = water_property(surroundings, SOUND_SPEED, z)
     return c, c if head.exact != 0 or row.speed == 0.0 else row.speed
 
 
 @compiled
-def overheard(head: Any, now: Array, t: float, c: float, relative: float, gates: Any) -> Array:
+def overheard(head: Any, surroundings: Array, t: float, c: float, relative: float, gates: Any) -> Array:
     """Return what a sonar in compiled code hears of the others on its vehicle in a ping that begins now: bursts (n, 4) of `voices`.
 
     Args:
         head: of the sonar.
-        now: its surroundings.
+        surroundings: the table of what it sees.
         t: s.
         c, relative: as in `Sonar.overhear`.
         gates: of the ping.
     """
-    voices, mine, count = voices_of(now), head.voice, 0
-    heard, p, q = np.zeros(len(voices), np.bool_), p_NB(head, now), q_NB(head, now)
+    voices, mine, count = voices_of(surroundings), head.voice, 0
+    heard, p, q = np.zeros(len(voices), np.bool_), p_NB(head, surroundings), q_NB(head, surroundings)
     for k in range(len(voices)):
         voice = voices[k]
         if k != mine and voice.works != 0 and voice.body == voices[mine].body:
             x, y, z = rotate(q, (voice.p[0], voice.p[1], voice.p[2]))
-            heard[k] = submergence(now, (p[0] + x, p[1] + y, p[2] + z), t) > 0.0
+            heard[k] = submergence(surroundings, (p[0] + x, p[1] + y, p[2] + z), t) > 0.0
             count += heard[k]
     bursts = np.empty((MOST * count, 4))
     found = find_bursts(voices, mine, heard, c, relative, t, gates.per_metre, gates.window, gates.total, bursts)
@@ -204,7 +204,7 @@ def overheard(head: Any, now: Array, t: float, c: float, relative: float, gates:
 
 
 @compiled
-def tell_pace(head: Any, now: Array, ready: float) -> None:
+def tell_pace(head: Any, surroundings: Array, ready: float) -> None:
     """Write the time (s) from which a sonar in compiled code may ping next into its VOICE. Its twin without errors writes nothing."""
     if head.shadow == 0:
-        voices_of(now)[head.voice].ready = ready
+        voices_of(surroundings)[head.voice].ready = ready

@@ -55,9 +55,9 @@ def is_busy(head: Any, row: Any, t: float) -> bool:
 
 
 @compiled
-def pings(head: Any, row: Any, now: Array, t: float) -> bool:
+def pings(head: Any, row: Any, surroundings: Array, t: float) -> bool:
     """Return whether a sensor pings at time t (s): the last ping is over, and the sensor is under water. Arguments as of `is_busy`."""
-    return bool(not is_busy(head, row, t) and submergence(now, p_NS(head, now), t) > 0.0)
+    return bool(not is_busy(head, row, t) and submergence(surroundings, p_NS(head, surroundings), t) > 0.0)
 
 
 @compiled

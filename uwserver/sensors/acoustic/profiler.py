@@ -123,9 +123,9 @@ _energies, _volume, _fade, _scatter, _receive, _find = (
 
 
 @compiled
-def _sound(head: Any, row: Any, now: Array) -> tuple[float, float]:
+def _sound(head: Any, row: Any, surroundings: Array) -> tuple[float, float]:
     """Return the sound speed at the transducer, m/s, and believed over true sound speed."""
-    c, believed = sound_speed(head, row, now, p_NS(head, now)[2])
+    c, believed = sound_speed(head, row, surroundings, p_NS(head, surroundings)[2])
     return c, believed / c
 
 
@@ -149,17 +149,17 @@ def _duration(row: Any, c: float, stretch: float) -> float:
 
 
 @compiled
-def _turn_to(head: Any, row: Any, now: Array, later: float, R: Array) -> None:
+def _turn_to(head: Any, row: Any, surroundings: Array, later: float, R: Array) -> None:
     """Write the axes of the beam in N into the columns of R (3, 3), as they are `later` s from now if the vehicle goes on turning as it does."""
-    q = q_NS(head, now)
+    q = q_NS(head, surroundings)
     if later > 0.0:
-        q = multiply(multiply(q_NB(head, now), spin(w_NB_B(head, now), later)), q_BS(head))
+        q = multiply(multiply(q_NB(head, surroundings), spin(w_NB_B(head, surroundings), later)), q_BS(head))
     axes(q, row.angle, R)
 
 
 @compiled
 def aim(
-    head: Any, row: Any, now: Array, t: float, origin: Array, direction: Array, count: int
+    head: Any, row: Any, surroundings: Array, t: float, origin: Array, direction: Array, count: int
 ) -> tuple[int, float]:  # fmt: skip
     """Turn the head, and lay the rays of the beam if the sonar is under water; nothing while the last ping is not over.
 
@@ -168,38 +168,38 @@ def aim(
     if is_busy(head, row, t):
         return count, 0.0
     row.angle, row.m.index, row.m.sense = step_on(row.step, row.center, row.width, row.m.index, row.m.sense)
-    p, row.poses = p_NS(head, now), 0
-    if submergence(now, p, t) <= 0.0:
+    p, row.poses = p_NS(head, surroundings), 0
+    if submergence(surroundings, p, t) <= 0.0:
         return count, 0.0
-    c, stretch = _sound(head, row, now)
-    duration, w, R = _duration(row, c, stretch), w_NB_B(head, now), np.empty((3, 3))
+    c, stretch = _sound(head, row, surroundings)
+    duration, w, R = _duration(row, c, stretch), w_NB_B(head, surroundings), np.empty((3, 3))
     rate = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
     row.poses = 2 if rate * duration > STILL * row.beam else 1
     for pose in range(row.poses):
-        _turn_to(head, row, now, pose * duration, R)
+        _turn_to(head, row, surroundings, pose * duration, R)
         count = cast_fan(block_of(row).direction, R, p, count, origin, direction)
     return count, _farthest(_divide(row, c, stretch).gates)
 
 
 @compiled
 def _energy(
-    head: Any, row: Any, now: Array, t: float, divided: Any, alpha: float, later: float, direction: Array, hits: Any
+    head: Any, row: Any, surroundings: Array, t: float, divided: Any, alpha: float, later: float, direction: Array, hits: Any
 ) -> Array:
     """Return the mean intensity of the echoes in each gate (1, gates), uPa^2, at one attitude.
 
     Args:
-        head, row, now, t: of the sonar; t in s.
+        head, row, surroundings, t: of the sonar; t in s.
         divided: `Ranges` of the ping.
         alpha: absorption, dB/m.
         later: time from now to that attitude, s.
         direction, hits: directions (n, 3) of the rays from there, and what they hit.
     """
     gates, cells, R = divided.gates, block_of(row).cells, np.empty((3, 3))
-    _turn_to(head, row, now, later, R)
-    hit_surface(submergence(now, p_NS(head, now), t), direction, _farthest(gates), hits)
+    _turn_to(head, row, surroundings, later, R)
+    hit_surface(submergence(surroundings, p_NS(head, surroundings), t), direction, _farthest(gates), hits)
     second, out, column = np.zeros((1, gates.total + 3)), np.zeros((1, gates.total)), np.zeros(len(cells), np.int64)
     deposit(
-        cells, direction, R, hits.distance, hits.normal, hits.body, hits.material, ground_of(now), gates.per_metre, column, 0.0,
+        cells, direction, R, hits.distance, hits.normal, hits.body, hits.material, ground_of(surroundings), gates.per_metre, column, 0.0,
         divided.level, second,
     )  # fmt: skip
     _energies(second, 0.0, gates.per_metre, alpha, out)
@@ -211,13 +211,13 @@ def _energy(
 
 @compiled
 def _blended(
-    head: Any, row: Any, now: Array, t: float, divided: Any, alpha: float, duration: float, direction: Array, hits: Any
+    head: Any, row: Any, surroundings: Array, t: float, divided: Any, alpha: float, duration: float, direction: Array, hits: Any
 ) -> Array:
     """Return the mean intensity of a ping, as `_energy`. If the sonar turns, both attitudes are blended by the time at which each gate is heard."""
     n = len(direction) // row.poses
-    energy = _energy(head, row, now, t, divided, alpha, 0.0, direction[:n], part_of(hits, 0, n))
+    energy = _energy(head, row, surroundings, t, divided, alpha, 0.0, direction[:n], part_of(hits, 0, n))
     if row.poses == 2:
-        last = _energy(head, row, now, t, divided, alpha, duration, direction[n:], part_of(hits, n, 2 * n))
+        last = _energy(head, row, surroundings, t, divided, alpha, duration, direction[n:], part_of(hits, n, 2 * n))
         for k in range(energy.shape[1]):
             passed = (k + 0.5) / energy.shape[1]
             energy[0, k] = (1.0 - passed) * energy[0, k] + passed * last[0, k]
@@ -225,7 +225,7 @@ def _blended(
 
 
 @compiled
-def _listen(head: Any, row: Any, now: Array, t: float, c: float, divided: Any, energy: Array) -> Array:
+def _listen(head: Any, row: Any, surroundings: Array, t: float, c: float, divided: Any, energy: Array) -> Array:
     """Return what the beam hears: real and imaginary part (2, 1, gates), uPa; without errors mean intensity (1, 1, gates), uPa^2.
 
     It is 0 nearer than the least range of the device. Arguments as of `_energy`; `c`: sound speed, m/s; `energy`: (1, gates).
@@ -235,13 +235,13 @@ def _listen(head: Any, row: Any, now: Array, t: float, c: float, divided: Any, e
     if is_mean:
         sound[0, 0, :] = energy[0]
     else:
-        _turn_to(head, row, now, 0.0, R)
+        _turn_to(head, row, surroundings, 0.0, R)
         faded, share = np.empty(speckle.DIRECTIONS, np.int64), np.empty(speckle.DIRECTIONS)
         axis = (R[0, 0], R[1, 0], R[2, 0])
-        _fade(p_NS(head, now), axis, row.fade_length, row.fade_angle, block.ways, faded, share)
+        _fade(p_NS(head, surroundings), axis, row.fade_length, row.fade_angle, block.ways, faded, share)
         _scatter(energy, head.key, faded, share, block.phasors, sound)
         if row.hears != 0:
-            bursts = overheard(head, now, t, c, row.relative, gates)
+            bursts = overheard(head, surroundings, t, c, row.relative, gates)
     _receive(divided.noise / row.directivity, bursts, head.key, head.number, gates.window, block.phasors, sound)
     silent = min(math.ceil(row.least / (row.reach / row.bins) - 0.5), gates.total)
     sound[:, :, :silent] = np.float32(0.0)
@@ -249,14 +249,14 @@ def _listen(head: Any, row: Any, now: Array, t: float, c: float, divided: Any, e
 
 
 @compiled
-def _measure(head: Any, row: Any, now: Array, t: float, direction: Array, hits: Any, out: Array) -> None:
+def _measure(head: Any, row: Any, surroundings: Array, t: float, direction: Array, hits: Any, out: Array) -> None:
     """Write range, level and quality of the echo of a ping under water, if there is one."""
-    c, stretch = _sound(head, row, now)
+    c, stretch = _sound(head, row, surroundings)
     # Absorption changes so little that an instrument asks for it once a metre.
-    alpha = sound_absorption(now, row.frequency, np.rint(p_NS(head, now)[2]))
+    alpha = sound_absorption(surroundings, row.frequency, np.rint(p_NS(head, surroundings)[2]))
     divided = _divide(row, c, stretch)
-    energy = _blended(head, row, now, t, divided, alpha, _duration(row, c, stretch), direction, hits)
-    sound = _listen(head, row, now, t, c, divided, energy)
+    energy = _blended(head, row, surroundings, t, divided, alpha, _duration(row, c, stretch), direction, hits)
+    sound = _listen(head, row, surroundings, t, c, divided, energy)
     around, least, loss = _thresholds(divided, row.directivity, alpha, row.threshold - row.gain)
     place, level, gates, half = np.empty(1), np.empty(1), np.empty(1, np.int64), np.empty(1)
     _find(sound, row.bins, least, loss, row.first != 0, place, level, gates, half)
@@ -268,17 +268,17 @@ def _measure(head: Any, row: Any, now: Array, t: float, direction: Array, hits: 
 
 @compiled
 def measure(
-    head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
+    head: Any, row: Any, surroundings: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
 ) -> None:  # fmt: skip
     """Read the echo of a ping."""
-    c, stretch = _sound(head, row, now)
+    c, stretch = _sound(head, row, surroundings)
     out[MAX_RANGE], out[GAIN], out[FREQUENCY], out[SPEED] = row.reach, row.gain, row.frequency, stretch * c
     out[ANGLE], out[RANGE], out[LEVEL], out[QUALITY], head.valid = row.angle, MISSING, MISSING, 0.0, 0
     if row.poses > 0:
-        _measure(head, row, now, t, direction[begin:end], part_of(hits, begin, end), out)
+        _measure(head, row, surroundings, t, direction[begin:end], part_of(hits, begin, end), out)
     duration = _duration(row, c, stretch)
     row.m.ready = t + duration + row.overhead
-    tell_pace(head, now, row.m.ready)
+    tell_pace(head, surroundings, row.m.ready)
     head.delay_ns = rounded_ns(duration + row.processing)
 
 

@@ -1,6 +1,6 @@
 """The bins of a scanning sonar's ping, from what its rays hit (compiled).
 
-In all functions `head` is the row of the sonar in `compiled.HEAD`, `row` its record (hit_surface `scanning_sonar`), and `now` its surroundings.
+In all functions `head` is the row of the sonar in `compiled.HEAD`, `row` its record (hit_surface `scanning_sonar`), and `surroundings` what it sees.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ def farthest(row: Any, stretch: float) -> float:
 
 
 @compiled
-def _energy(row: Any, now: Array, R: Array, alpha: float, divided: Any, finer: Array, hits: Any, out: Array) -> None:
+def _energy(row: Any, surroundings: Array, R: Array, alpha: float, divided: Any, finer: Array, hits: Any, out: Array) -> None:
     """Find the mean intensity of the echoes in each gate, uPa^2.
 
     Args:
-        row, now: of the sonar.
+        row, surroundings: of the sonar.
         R: (3, 3) whose columns are the axes of its head in N.
         alpha: absorption, dB/m.
         divided: gates of the ping.
         finer, hits: directions (n, 3) of the finer rays, and what they hit; what the rays of the fan hit is kept in the block.
         out: (gates) receives the intensities.
     """
-    block, ground, second = block_of(row), ground_of(now), np.zeros((1, divided.total + 3))
+    block, ground, second = block_of(row), ground_of(surroundings), np.zeros((1, divided.total + 3))
     met, column = kept(block), np.zeros(max(len(block.cells), len(finer)), np.int64)
     deposit(
         block.cells, block.towards, R, met.distance, met.normal, met.body, met.material, ground, divided.per_metre, column, 0.0, 1.0, second
@@ -62,12 +62,12 @@ def _energy(row: Any, now: Array, R: Array, alpha: float, divided: Any, finer: A
 
 @compiled
 def _receive(
-    head: Any, row: Any, now: Array, t: float, p: Vec3, R: Array, c: float, divided: Any, energy: Array, sound: Array
+    head: Any, row: Any, surroundings: Array, t: float, p: Vec3, R: Array, c: float, divided: Any, energy: Array, sound: Array
 ) -> None:  # fmt: skip
     """Find the strongest sample of the matched filter in each bin; without errors its mean, with phase 0.
 
     Args:
-        head, row, now, t: of the sonar; t in s.
+        head, row, surroundings, t: of the sonar; t in s.
         p, R: position of its head in N, m, and (3, 3) whose columns are its axes.
         c: sound speed, m/s.
         divided: gates of the ping.
@@ -86,7 +86,7 @@ def _receive(
     noise = row.noise * row.noise / divided.window
     scatter(energy, head.key, head.number, noise, faded, share, block.phasors, field)
     if row.hears != 0:
-        bursts = overheard(head, now, t, c, row.relative, divided)
+        bursts = overheard(head, surroundings, t, c, row.relative, divided)
         for k in range(len(bursts)):
             add_burst(bursts[k], 0, head.key, head.number, divided.window, field[:, 0], field[:, 1])
     detect(field, divided.window, divided.per_bin, sound)
@@ -131,11 +131,11 @@ def _write_paper_bins(row: Any, out: Array) -> None:
 
 
 @compiled
-def hear(head: Any, row: Any, now: Array, t: float, direction: Array, hits: Any, sound: Array, out: Array) -> None:
+def hear(head: Any, row: Any, surroundings: Array, t: float, direction: Array, hits: Any, sound: Array, out: Array) -> None:
     """Make the bins of a ping under water.
 
     Args:
-        head, row, now, t: of the sonar; t in s.
+        head, row, surroundings, t: of the sonar; t in s.
         direction, hits: directions (n, 3) of the finer rays, and what they hit; what the rays of the fan hit is kept in the block.
         sound: (bins, 2) receives real and imaginary part of each bin, uPa; not used by the model of the paper.
         out: (bins) receives counts or pressure.
@@ -143,14 +143,14 @@ def hear(head: Any, row: Any, now: Array, t: float, direction: Array, hits: Any,
     if row.paper != 0:
         _write_paper_bins(row, out)
         return
-    p, R = p_NS(head, now), np.empty((3, 3))
-    c, believed = sound_speed(head, row, now, p[2])
+    p, R = p_NS(head, surroundings), np.empty((3, 3))
+    c, believed = sound_speed(head, row, surroundings, p[2])
     # Absorption changes so little that an instrument asks for it once a metre.
-    alpha, stretch = sound_absorption(now, row.frequency, np.rint(p[2])), believed / c
+    alpha, stretch = sound_absorption(surroundings, row.frequency, np.rint(p[2])), believed / c
     divided = _gates(row.reach, row.bins, c / (2.0 * row.bandwidth), stretch)
-    hit_surface(submergence(now, p, t), direction, farthest(row, stretch), hits)
-    axes(q_NS(head, now), row.angle, R)
+    hit_surface(submergence(surroundings, p, t), direction, farthest(row, stretch), hits)
+    axes(q_NS(head, surroundings), row.angle, R)
     energy = np.empty(divided.total)
-    _energy(row, now, R, alpha, divided, direction, hits, energy)
-    _receive(head, row, now, t, p, R, c, divided, energy, sound)
+    _energy(row, surroundings, R, alpha, divided, direction, hits, energy)
+    _receive(head, row, surroundings, t, p, R, c, divided, energy, sound)
     _write_bins(row, alpha, sound, out)

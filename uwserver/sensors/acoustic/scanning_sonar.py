@@ -118,26 +118,26 @@ _RECORD = record(
 
 @compiled
 def aim(
-    head: Any, row: Any, now: Array, t: float, origin: Array, direction: Array, count: int
+    head: Any, row: Any, surroundings: Array, t: float, origin: Array, direction: Array, count: int
 ) -> tuple[int, float]:  # fmt: skip
     """Turn the head, and lay the rays of the fan if the sonar is under water; nothing while the last ping is not over."""
     if is_busy(head, row, t):
         return count, 0.0
     row.angle, row.m.index, row.m.sense = step_on(row.step, row.center, row.width, row.m.index, row.m.sense)
-    p, row.wet = p_NS(head, now), 0
-    if submergence(now, p, t) <= 0.0:
+    p, row.wet = p_NS(head, surroundings), 0
+    if submergence(surroundings, p, t) <= 0.0:
         return count, 0.0
     row.wet, begin, block, R = 1, count, block_of(row), np.empty((3, 3))
-    axes(q_NS(head, now), row.angle, R)
+    axes(q_NS(head, surroundings), row.angle, R)
     count = cast_fan(block.direction, R, p, count, origin, direction)
     block.towards[:] = direction[begin:count]
-    c, believed = sound_speed(head, row, now, p[2])
+    c, believed = sound_speed(head, row, surroundings, p[2])
     return count, farthest(row, believed / c)
 
 
 @entry
 def refine(
-    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
+    heads: Array, rows: Array, numbers: Array, due: Array, surroundings: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
 ) -> float:  # fmt: skip
     """Lay finer rays where those of a fan have hit something thin. What the fan has hit is kept in the block of its sonar."""
     count, begin, reach, R = 0, first[0], 0.0, np.empty((3, 3))
@@ -145,13 +145,13 @@ def refine(
         end, head = first[n + 1], heads[k]
         first[n] = count
         if end > begin:
-            row, p = rows[head.row], p_NS(head, now)
-            block, mine, (c, believed) = block_of(row), part_of(hits, begin, end), sound_speed(head, row, now, p[2])
+            row, p = rows[head.row], p_NS(head, surroundings)
+            block, mine, (c, believed) = block_of(row), part_of(hits, begin, end), sound_speed(head, row, surroundings, p[2])
             limit = farthest(row, believed / c)
-            hit_surface(submergence(now, p, t), block.towards, limit, mine)
+            hit_surface(submergence(surroundings, p, t), block.towards, limit, mine)
             met = keep(mine, block)
             if row.paper == 0:
-                axes(q_NS(head, now), row.angle, R)
+                axes(q_NS(head, surroundings), row.angle, R)
                 # This overwrites directions of fans whose sonars come later. Their blocks have copies.
                 new = direction[count:]
                 made = sharpen(row.columns, row.rows, block, block.towards, met, block.cuts, new, block.finer)
@@ -177,20 +177,20 @@ def _hear_nothing(row: Any, sound: Array, bins: Array) -> None:
 
 @compiled
 def measure(
-    head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
+    head: Any, row: Any, surroundings: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
 ) -> None:  # fmt: skip
     """Read the echoes of a ping; without values in the air."""
     out[ANGLE], out[RANGE], out[GAIN] = row.angle, row.reach, row.gain
     place = head.shadow * row.bins
     sound, bins, head.valid = block_of(row).sound[place : place + row.bins], out[BINS:], row.wet
     if row.wet != 0:
-        hear(head, row, now, t, direction[begin:end], part_of(hits, begin, end), sound, bins)
+        hear(head, row, surroundings, t, direction[begin:end], part_of(hits, begin, end), sound, bins)
     else:
         _hear_nothing(row, sound, bins)
-    _, believed = sound_speed(head, row, now, p_NS(head, now)[2])
+    _, believed = sound_speed(head, row, surroundings, p_NS(head, surroundings)[2])
     duration = 2.0 * row.reach / believed
     row.m.ready = t + duration + row.overhead
-    tell_pace(head, now, row.m.ready)
+    tell_pace(head, surroundings, row.m.ready)
     head.delay_ns = rounded_ns(duration)
 
 

@@ -98,15 +98,15 @@ _RECORD = record(
 
 
 @compiled
-def _speed_error(now: Array, v_N: Vec3) -> float:
+def _speed_error(surroundings: Array, v_N: Vec3) -> float:
     """Return the heading error (rad) of a gyrocompass without speed: it settles where the level has no rate about east (Titterton 2004, 13.4)."""
-    place = place_of(now)
+    place = place_of(surroundings)
     across, along = v_N[0] * place.curvature[0], v_N[1] * place.curvature[1]
     return math.atan2(across, place.rate[0] + along)
 
 
 @compiled
-def _with_errors(head: Any, row: Any, now: Array, q: Quat) -> Quat:
+def _with_errors(head: Any, row: Any, surroundings: Array, q: Quat) -> Quat:
     """Return q_NS turned by small errors about down, north and east."""
     m = row.m
     a, b = normals(head.key, head.number, SAMPLE, 0)
@@ -119,21 +119,21 @@ def _with_errors(head: Any, row: Any, now: Array, q: Quat) -> Quat:
     m.tilt_y = decay * m.tilt_y + row.tilt_sigma * grow * c
     heading = m.heading + m.turn_on + row.noise * d
     if row.secant != 0:
-        heading /= math.cos(place_of(now).latitude)
-    if row.steaming != 0 and place_of(now).rotating != 0:
-        heading += _speed_error(now, rotate(q_NB(head, now), v_NB_B(head, now)))
+        heading /= math.cos(place_of(surroundings).latitude)
+    if row.steaming != 0 and place_of(surroundings).rotating != 0:
+        heading += _speed_error(surroundings, rotate(q_NB(head, surroundings), v_NB_B(head, surroundings)))
     disturbed: Quat = multiply(quat_from_rpy(m.tilt_x + row.noise * e, m.tilt_y + row.noise * f, heading), q)
     return disturbed
 
 
 @compiled
-def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+def measure(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> None:
     """Write attitude and heading; invalid while the device settles."""
-    q = q_NS(head, now)
+    q = q_NS(head, surroundings)
     if head.exact == 0:
-        q = _with_errors(head, row, now, q)
+        q = _with_errors(head, row, surroundings, q)
     if row.magnetic != 0:
-        q = multiply(quat_from_rpy(0.0, 0.0, -place_of(now).declination), q)
+        q = multiply(quat_from_rpy(0.0, 0.0, -place_of(surroundings).declination), q)
     out[0], out[1], out[2], out[3] = q
     out[4] = rpy_from_quat(q)[2] % (2.0 * math.pi)
     if head.exact == 0 and t < row.settling:

@@ -117,7 +117,7 @@ def _has_fix(row: Any, hears: bool, t: float) -> bool:
 
 
 @compiled
-def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+def measure(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> None:
     """Write the fix; invalid without one."""
     m, key, number = row.m, head.key, head.number
     decay = math.exp(-head.dt / row.tau)
@@ -128,8 +128,8 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     m.error[0] = decay * m.error[0] + grow * row.horizontal * a
     m.error[1] = decay * m.error[1] + grow * row.horizontal * b
     m.error[2] = decay * m.error[2] + grow * row.vertical * c
-    p, place, whole, s = p_NS(head, now), place_of(now), out.view(np.int64), 1.0 - head.exact
-    in_air = -submergence(now, p, t) > s * row.clearance
+    p, place, whole, s = p_NS(head, surroundings), place_of(surroundings), out.view(np.int64), 1.0 - head.exact
+    in_air = -submergence(surroundings, p, t) > s * row.clearance
     satellites = row.satellites if in_air else 0
     hears = in_air and satellites >= 4
     if not (hears if head.exact != 0 else _has_fix(row, hears, t)):
@@ -139,7 +139,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
     north, east = p[0] + s * (m.error[0] + row.noise * d), p[1] + s * (m.error[1] + row.noise * e)
     out[0], out[1] = latitude_longitude(north, east, place.latitude, place.longitude)
     out[2] = -(p[2] + s * (m.error[2] + row.noise * f))
-    vx, vy, vz = rotate(q_NB(head, now), velocity_of(head, now))
+    vx, vy, vz = rotate(q_NB(head, surroundings), velocity_of(head, surroundings))
     a, b = normals(key, number, SAMPLE, 3)
     c, _ = normals(key, number, SAMPLE, 4)
     speed = s * row.velocity

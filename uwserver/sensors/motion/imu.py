@@ -72,15 +72,15 @@ _RECORD = record(
 
 
 @compiled
-def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+def measure(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> None:
     """Write the specific force, from the equations of motion, and the angular rate. Both include the rotation of the Earth, if it turns."""
-    f_S, w_S = specific_force(head, now), rotate(q_SB(head), inertial_rate(head, now))
+    f_S, w_S = specific_force(head, surroundings), rotate(q_SB(head), inertial_rate(head, surroundings))
     if head.exact == 0:
         w_S = disturbed(row.gyroscope, row.m.gyroscope, head, 0, w_S)
         f_S = disturbed(row.accelerometer, row.m.accelerometer, head, TRIAD_LANES, f_S)
     out[0], out[1], out[2] = f_S
     out[3], out[4], out[5] = w_S
-    out[6] = water_property(now, TEMPERATURE, p_NB(head, now)[2])
+    out[6] = water_property(surroundings, TEMPERATURE, p_NB(head, surroundings)[2])
 
 
 class Imu(CompiledSensor):

@@ -77,14 +77,14 @@ _RECORD = record(
 
 
 @compiled
-def _distorted(row: Any, head: Any, now: Array, field: Vec3) -> Vec3:
+def _distorted(row: Any, head: Any, surroundings: Array, field: Vec3) -> Vec3:
     """Return the Earth's field in S with the soft iron, hard iron and thruster fields of the vehicle."""
     s, (x, y, z) = row.soft_iron, field
     hx, hy, hz = row.hard_iron[0], row.hard_iron[1], row.hard_iron[2]
     by = row.by_current
-    voltage = supply_voltage(head, now)
+    voltage = supply_voltage(head, surroundings)
     if voltage > 0.0 and (by[0] != 0.0 or by[1] != 0.0 or by[2] != 0.0):
-        current = power(head, now) / voltage
+        current = power(head, surroundings) / voltage
         hx, hy, hz = hx + by[0] * current, hy + by[1] * current, hz + by[2] * current
     return (
         s[0, 0] * x + s[0, 1] * y + s[0, 2] * z + hx,
@@ -94,11 +94,11 @@ def _distorted(row: Any, head: Any, now: Array, field: Vec3) -> Vec3:
 
 
 @compiled
-def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+def measure(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> None:
     """Write the field in S."""
-    field = rotate(conjugate(q_NS(head, now)), magnetic_field(now, p_NS(head, now)))
+    field = rotate(conjugate(q_NS(head, surroundings)), magnetic_field(surroundings, p_NS(head, surroundings)))
     if head.exact == 0:
-        field = disturbed(row.triad, row.m.triad, head, 0, _distorted(row, head, now, field))
+        field = disturbed(row.triad, row.m.triad, head, 0, _distorted(row, head, surroundings, field))
     out[0], out[1], out[2] = field
 
 

@@ -21,12 +21,12 @@ class MotionCaptureConfig(SensorTable, tag="motion_capture", kw_only=True, froze
 
 
 @compiled
-def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+def measure(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> None:
     """Write the pose; invalid while the markers are above the surface."""
-    p = p_NS(head, now)
+    p = p_NS(head, surroundings)
     out[0], out[1], out[2] = p
-    out[3], out[4], out[5], out[6] = q_NS(head, now)
-    if submergence(now, p, t) < 0.0:
+    out[3], out[4], out[5], out[6] = q_NS(head, surroundings)
+    if submergence(surroundings, p, t) < 0.0:
         out[:], head.valid = MISSING, 0
 
 

@@ -105,18 +105,18 @@ def _loaded(row: Any, conductance: float) -> tuple[float, float]:
 
 
 @compiled
-def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+def measure(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> None:
     """Discharge the battery, set the supply of the thrusters, and write the reading. It is always valid; an empty battery has 0 V."""
-    m, before = row.m, supply_voltage(head, now)
+    m, before = row.m, supply_voltage(head, surroundings)
     # Thrust follows the voltage, so motors draw current much as a resistor does. With constant power, voltage and load would oscillate.
-    conductance = power(head, now) / (before * before) if before > 0.0 else 0.0
+    conductance = power(head, surroundings) / (before * before) if before > 0.0 else 0.0
     voltage, current = 0.0, 0.0
     if m.charge > 0.0:
         voltage, current = _loaded(row, conductance)
     m.charge = max(0.0, m.charge - current * head.dt)
     m.energy += voltage * current * head.dt
     if head.shadow == 0:
-        supply(head, now, voltage)
+        supply(head, surroundings, voltage)
     shown, volts = current, voltage
     if head.exact == 0:
         a, b = normals(head.key, head.number, SAMPLE, 0)

@@ -53,11 +53,11 @@ _RECORD = record([], [("offset", "f8"), ("drift", "f8")])
 
 
 @compiled
-def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+def measure(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> None:
     """Write the time; always valid."""
     error_ns = 0 if head.exact != 0 else rounded_ns(row.m.offset + row.m.drift * t)
-    shown = place_of(now).t_ns + error_ns
-    out.view(np.int64)[0] = place_of(now).epoch_ns + shown
+    shown = place_of(surroundings).t_ns + error_ns
+    out.view(np.int64)[0] = place_of(surroundings).epoch_ns + shown
     out[1] = shown / 1e9
 
 

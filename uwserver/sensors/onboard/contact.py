@@ -74,9 +74,9 @@ def _insert(row: Any, contact: int, strength: float) -> None:
 
 
 @compiled
-def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+def measure(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> None:
     """Write the contacts; always valid. Values are missing if there are fewer contacts than points."""
-    body_a, body_b, point, impulse, contacts = touched(now)
+    body_a, body_b, point, impulse, contacts = touched(surroundings)
     count, x, y, z, row.told = 0, 0.0, 0.0, 0.0, 0
     for k in range(contacts):
         mine = 1.0 if body_a[k] == head.body else -1.0 if body_b[k] == head.body else 0.0
@@ -86,7 +86,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
         count += 1
         x, y, z = x + mine * impulse[k, 0], y + mine * impulse[k, 1], z + mine * impulse[k, 2]
         _insert(row, k, strength)
-    to_B, p = conjugate(q_NB(head, now)), p_NB(head, now)
+    to_B, p = conjugate(q_NB(head, surroundings)), p_NB(head, surroundings)
     whole = out.view(np.int64)
     out[:] = MISSING
     out[TOUCHING], whole[COUNT], whole[BODY] = 1.0 if count > 0 else 0.0, count, NO_INT

@@ -54,11 +54,11 @@ _RECORD = record([("area", "f8"), ("threshold", "f8")], [("volume", "f8")])
 
 
 @compiled
-def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+def measure(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> None:
     """Let water in while there is a hole under pressure, and write whether the probe is wet; always valid."""
-    pressure = gauge_pressure(now, p_NS(head, now), t)
+    pressure = gauge_pressure(surroundings, p_NS(head, surroundings), t)
     if row.area > 0.0 and pressure > 0.0:
-        row.m.volume += DISCHARGE * row.area * math.sqrt(2.0 * pressure / place_of(now).density) * head.dt
+        row.m.volume += DISCHARGE * row.area * math.sqrt(2.0 * pressure / place_of(surroundings).density) * head.dt
     out[0] = 1.0 if row.m.volume >= row.threshold else 0.0
 
 

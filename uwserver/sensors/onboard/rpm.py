@@ -52,10 +52,10 @@ _RECORD = record([("members", "i8", (MOST_MEMBERS,)), ("signed", "i8"), ("sigma"
 
 
 @compiled
-def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+def measure(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> None:
     """Write the shaft speeds; invalid if one of them is not known."""
     for k in range(len(out)):
-        speed = shaft_speed(head, now, row.members[k])
+        speed = shaft_speed(head, surroundings, row.members[k])
         if math.isnan(speed):
             out[:], head.valid = MISSING, 0
             return

@@ -82,11 +82,11 @@ _RECORD = record(
 
 @compiled
 def aim(
-    head: Any, row: Any, now: Array, t: float, origin: Array, direction: Array, count: int
+    head: Any, row: Any, surroundings: Array, t: float, origin: Array, direction: Array, count: int
 ) -> tuple[int, float]:  # fmt: skip
     """Write the rays of the fan. There are none in air, unless the medium is any."""
-    p, q = p_NS(head, now), q_NS(head, now)
-    if row.anywhere != 0 or submergence(now, p, t) >= 0.0:
+    p, q = p_NS(head, surroundings), q_NS(head, surroundings)
+    if row.anywhere != 0 or submergence(surroundings, p, t) >= 0.0:
         for i in range(row.beams):
             angle = row.first + i * row.step
             origin[count, 0], origin[count, 1], origin[count, 2] = p
@@ -113,7 +113,7 @@ def _range(head: Any, row: Any, i: int, distance: float) -> float:
 
 @compiled
 def measure(
-    head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
+    head: Any, row: Any, surroundings: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
 ) -> None:  # fmt: skip
     """Write the ranges of the rays; invalid in air."""
     if end == begin:

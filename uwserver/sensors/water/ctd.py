@@ -97,15 +97,15 @@ def _lag_response(dt: float, lag: float) -> float:
 
 
 @compiled
-def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+def measure(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> None:
     """Write the properties of the water; invalid in air."""
-    m, p = row.m, p_NS(head, now)
-    if submergence(now, p, t) < 0.0:
+    m, p = row.m, p_NS(head, surroundings)
+    if submergence(surroundings, p, t) < 0.0:
         m.wet, head.valid = 0, 0
         out[:] = MISSING
         return
-    temperature, salinity = water_property(now, TEMPERATURE, p[2]), water_property(now, SALINITY, p[2])
-    gauge, atmosphere, conductivity = gauge_pressure(now, p, t), place_of(now).atmosphere, 0.0
+    temperature, salinity = water_property(surroundings, TEMPERATURE, p[2]), water_property(surroundings, SALINITY, p[2])
+    gauge, atmosphere, conductivity = gauge_pressure(surroundings, p, t), place_of(surroundings).atmosphere, 0.0
     if salinity > 0.0:
         conductivity = conductivity_of(salinity, temperature, gauge / _DECIBAR)
     if m.wet != 0 and head.exact == 0:

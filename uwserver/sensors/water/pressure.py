@@ -48,11 +48,11 @@ _RECORD = record([("depth", "i8"), ("scale", "f8"), ("atmosphere", "f8")])
 
 
 @compiled
-def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+def measure(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> None:
     """Write the pressure or the depth, and the temperature."""
-    p, place = p_NS(head, now), place_of(now)
-    gauge = gauge_pressure(now, p, t)
-    out[1] = water_property(now, TEMPERATURE, p[2])
+    p, place = p_NS(head, surroundings), place_of(surroundings)
+    gauge = gauge_pressure(surroundings, p, t)
+    out[1] = water_property(surroundings, TEMPERATURE, p[2])
     if row.depth == 0:
         out[0] = place.atmosphere + gauge
         return
@@ -61,7 +61,7 @@ def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
         return
     if row.atmosphere >= 0.0:
         gauge += place.atmosphere - row.atmosphere
-    out[0] = gauge / (row.scale * place.gravity) if row.scale > 0.0 else depth_of(now, gauge)
+    out[0] = gauge / (row.scale * place.gravity) if row.scale > 0.0 else depth_of(surroundings, gauge)
 
 
 class _Manometer(TableSensor[PressureConfig]):

@@ -58,13 +58,13 @@ _RECORD = record([("sigma", "f8")], [("offset", "f8")])
 
 
 @compiled
-def measure(head: Any, row: Any, now: Array, t: float, out: Array) -> None:
+def measure(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> None:
     """Write the sound speed; invalid in air."""
-    p = p_NS(head, now)
-    if submergence(now, p, t) < 0.0:
+    p = p_NS(head, surroundings)
+    if submergence(surroundings, p, t) < 0.0:
         out[0], head.valid = MISSING, 0
         return
-    out[0] = water_property(now, SOUND_SPEED, p[2])
+    out[0] = water_property(surroundings, SOUND_SPEED, p[2])
     if head.exact == 0:
         noise, _ = normals(head.key, head.number, SAMPLE, 0)
         out[0] += row.m.offset + row.sigma * noise

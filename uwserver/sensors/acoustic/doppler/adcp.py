@@ -182,31 +182,31 @@ _RECORD = record(
 
 @compiled
 def aim(
-    head: Any, row: Any, now: Array, t: float, origin: Array, direction: Array, count: int
+    head: Any, row: Any, surroundings: Array, t: float, origin: Array, direction: Array, count: int
 ) -> tuple[int, float]:  # fmt: skip
     """Lay the beams if the device pings."""
-    row.pings_now = 1 if pings(head, row, now, t) else 0
+    row.pings_now = 1 if pings(head, row, surroundings, t) else 0
     if row.pings_now == 0:
         return count, 0.0
-    point_beams(head, row, now, origin, direction, count)
-    return count + row.beams, reach_of_beams(head, row, now)
+    point_beams(head, row, surroundings, origin, direction, count)
+    return count + row.beams, reach_of_beams(head, row, surroundings)
 
 
 @entry
 def aim_at_boundaries(
-    heads: Array, rows: Array, numbers: Array, due: Array, now: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
+    heads: Array, rows: Array, numbers: Array, due: Array, surroundings: Array, t: float, origin: Array, direction: Array, first: Array, hits: Any
 ) -> float:  # fmt: skip
     """Lay rays to the nearest bottom or surface, whose echo comes in through the side lobes. An ideal device has no side lobes."""
     for n, k in enumerate(due):
         if rows[heads[k].row].pings_now != 0:
-            keep_hits(heads[k], rows[heads[k].row], now, t, direction, first[n], hits)
+            keep_hits(heads[k], rows[heads[k].row], surroundings, t, direction, first[n], hits)
     count, reach = 0, 0.0
     for n, k in enumerate(due):
         head, row = heads[k], rows[heads[k].row]
         first[n] = count
         if row.pings_now != 0 and head.exact == 0:
-            count += point_to_boundaries(head, row, now, origin, direction, count)
-            reach = max(reach, reach_of_cells(head, row, now))
+            count += point_to_boundaries(head, row, surroundings, origin, direction, count)
+            reach = max(reach, reach_of_cells(head, row, surroundings))
     first[len(due)] = count
     return reach
 
@@ -232,12 +232,12 @@ def _turn_to_ground(row: Any, q: Quat, out: Array) -> None:
 
 @compiled
 def _profile(
-    head: Any, row: Any, now: Array, t: float, direction: Array, begin: int, end: int, hits: Any, out: Array
+    head: Any, row: Any, surroundings: Array, t: float, direction: Array, begin: int, end: int, hits: Any, out: Array
 ) -> bool:
     """Write the values of an ensemble. Returns whether a cell has a velocity."""
-    ensemble, place = ensemble_of(head, row, now, t), row.place
-    boundary = boundary_of(head, row, now, ensemble, direction, begin, end, hits)
-    hear_cells(head, row, now, ensemble, boundary, out)
+    ensemble, place = ensemble_of(head, row, surroundings, t), row.place
+    boundary = boundary_of(head, row, surroundings, ensemble, direction, begin, end, hits)
+    hear_cells(head, row, surroundings, ensemble, boundary, out)
     q, down = _believed(head, row, ensemble.q), np.empty(row.slanted)
     for i in range(row.slanted):
         beam = row.direction[i]
@@ -252,18 +252,18 @@ def _profile(
 
 @compiled
 def measure(
-    head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
+    head: Any, row: Any, surroundings: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
 ) -> None:  # fmt: skip
     """Read the profile if the device pings."""
     out[:], head.valid = MISSING, 0
     for cell in range(row.cells):
         out[row.place[DISTANCES] + cell] = row.blanking + row.cell * (cell + 1)
     farthest = max(row.blanking + row.cell * row.cells + 0.5 * row.cell, row.bottom_high) / row.cosine
-    travel = 2.0 * farthest / water_property(now, SOUND_SPEED, p_NS(head, now)[2])
+    travel = 2.0 * farthest / water_property(surroundings, SOUND_SPEED, p_NS(head, surroundings)[2])
     row.m.ready = t + row.pings * travel
     head.delay_ns = rounded_ns(row.pings * travel + row.processing)
     if row.pings_now != 0:
-        head.valid = 1 if _profile(head, row, now, t, direction, begin, end, hits, out) else 0
+        head.valid = 1 if _profile(head, row, surroundings, t, direction, begin, end, hits, out) else 0
 
 
 class Adcp(CompiledSensor):

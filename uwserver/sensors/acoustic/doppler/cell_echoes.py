@@ -1,6 +1,6 @@
 """What the beams of a current profiler hear (compiled): the water in their cells, bottom and surface through their side lobes, and the bottom ahead.
 
-In all functions `head` is the row of the sensor in `compiled.HEAD`, `row` its record (see `adcp`), and `now` its surroundings.
+In all functions `head` is the row of the sensor in `compiled.HEAD`, `row` its record (see `adcp`), and `surroundings` what it sees.
 """
 
 from __future__ import annotations
@@ -95,23 +95,23 @@ class Ensemble(NamedTuple):
 
 
 @compiled
-def _stretch(head: Any, row: Any, now: Array) -> float:
+def _stretch(head: Any, row: Any, surroundings: Array) -> float:
     """Return believed over true sound speed."""
     if row.sound_speed <= 0.0 or head.exact != 0:
         return 1.0
-    return float(row.sound_speed / water_property(now, SOUND_SPEED, p_NS(head, now)[2]))
+    return float(row.sound_speed / water_property(surroundings, SOUND_SPEED, p_NS(head, surroundings)[2]))
 
 
 @compiled
-def ensemble_of(head: Any, row: Any, now: Array, t: float) -> Ensemble:
+def ensemble_of(head: Any, row: Any, surroundings: Array, t: float) -> Ensemble:
     """Return the ensemble of the present instant."""
-    p = p_NS(head, now)
-    stretch = _stretch(head, row, now)
+    p = p_NS(head, surroundings)
+    stretch = _stretch(head, row, surroundings)
     gain = stretch * (1.0 if head.exact != 0 else 1.0 + row.m.scale)
-    v = rotate(q_NB(head, now), velocity_of(head, now))
+    v = rotate(q_NB(head, surroundings), velocity_of(head, surroundings))
     # Absorption changes so little that an instrument asks for it once a metre.
-    decay = sound_absorption(now, row.frequency, float(np.rint(p[2])))
-    return Ensemble(p, q_NS(head, now), v, t, stretch, gain, decay)
+    decay = sound_absorption(surroundings, row.frequency, float(np.rint(p[2])))
+    return Ensemble(p, q_NS(head, surroundings), v, t, stretch, gain, decay)
 
 
 @compiled
@@ -122,36 +122,36 @@ def _beam(q: Quat, row: Any, i: int) -> Vec3:
 
 
 @compiled
-def reach_of_cells(head: Any, row: Any, now: Array) -> float:
+def reach_of_cells(head: Any, row: Any, surroundings: Array) -> float:
     """Return the range (m) of the last point of the last cell along a slanted beam."""
-    return float(point_of(row.blanking, row.cell, 2 * row.cells) / row.cosine / _stretch(head, row, now))
+    return float(point_of(row.blanking, row.cell, 2 * row.cells) / row.cosine / _stretch(head, row, surroundings))
 
 
 @compiled
-def reach_of_beams(head: Any, row: Any, now: Array) -> float:
+def reach_of_beams(head: Any, row: Any, surroundings: Array) -> float:
     """Return how far rays along the beams reach, m: to the end of the cells and of bottom track."""
-    return float(max(reach_of_cells(head, row, now), 1.1 * row.bottom_high / row.cosine))
+    return float(max(reach_of_cells(head, row, surroundings), 1.1 * row.bottom_high / row.cosine))
 
 
 @compiled
-def point_beams(head: Any, row: Any, now: Array, origin: Array, direction: Array, first: int) -> None:
+def point_beams(head: Any, row: Any, surroundings: Array, origin: Array, direction: Array, first: int) -> None:
     """Lay one ray along each beam, from ray number `first` on."""
-    p, q = p_NS(head, now), q_NS(head, now)
+    p, q = p_NS(head, surroundings), q_NS(head, surroundings)
     for i in range(row.beams):
         lay_ray(p, _beam(q, row, i), first + i, origin, direction)
 
 
 @compiled
-def keep_hits(head: Any, row: Any, now: Array, t: float, direction: Array, first: int, hits: Any) -> None:
+def keep_hits(head: Any, row: Any, surroundings: Array, t: float, direction: Array, first: int, hits: Any) -> None:
     """Keep in the record what the beams hit: distance, normal, whether it is the surface, and how strongly it scatters back."""
-    height, limit = submergence(now, p_NS(head, now), t), reach_of_beams(head, row, now)
+    height, limit = submergence(surroundings, p_NS(head, surroundings), t), reach_of_beams(head, row, surroundings)
     for i in range(row.beams):
         k = first + i
         meet_surface(height, direction, limit, k, hits)
         row.distance[i], row.surface[i] = hits.distance[k], 1 if hits.body[k] == SURFACE else 0
         for j in range(3):
             row.normal[i, j] = hits.normal[k, j]
-        row.back[i] = echo_of(now, direction[k], hits.normal[k], hits.body[k], hits.material[k])
+        row.back[i] = echo_of(surroundings, direction[k], hits.normal[k], hits.body[k], hits.material[k])
 
 
 @compiled
@@ -164,12 +164,12 @@ def _lay_forward(origin: Array, direction: Array, k: int, p: Vec3, way: Vec3, ax
 
 
 @compiled
-def point_to_boundaries(head: Any, row: Any, now: Array, origin: Array, direction: Array, first: int) -> int:
+def point_to_boundaries(head: Any, row: Any, surroundings: Array, origin: Array, direction: Array, first: int) -> int:
     """Lay rays to where the nearest point of bottom or surface ahead may be, from ray number `first` on. Returns their number.
 
     They go along the vertical, along the axis, and along the normals of what the beams hit. This is exact for planes.
     """
-    p, axis, k = p_NS(head, now), rotate(q_NS(head, now), (0.0, 0.0, 1.0)), first
+    p, axis, k = p_NS(head, surroundings), rotate(q_NS(head, surroundings), (0.0, 0.0, 1.0)), first
     k += _lay_forward(origin, direction, k, p, (0.0, 0.0, 1.0), axis)
     k += _lay_forward(origin, direction, k, p, (0.0, 0.0, -1.0), axis)
     k += _lay_forward(origin, direction, k, p, axis, axis)
@@ -182,10 +182,10 @@ def point_to_boundaries(head: Any, row: Any, now: Array, origin: Array, directio
 
 @compiled
 def boundary_of(
-    head: Any, row: Any, now: Array, ensemble: Ensemble, direction: Array, begin: int, end: int, hits: Any
+    head: Any, row: Any, surroundings: Array, ensemble: Ensemble, direction: Array, begin: int, end: int, hits: Any
 ) -> tuple[float, float]:
     """Return the shortest distance to bottom or surface along the rays from `begin` to `end`, m (inf for none), and its rate of change, m/s."""
-    height, limit = submergence(now, ensemble.p, ensemble.t), reach_of_cells(head, row, now)
+    height, limit = submergence(surroundings, ensemble.p, ensemble.t), reach_of_cells(head, row, surroundings)
     nearest, speed = math.inf, 0.0
     for k in range(begin, end):
         meet_surface(height, direction, limit, k, hits)
@@ -196,10 +196,10 @@ def boundary_of(
 
 
 @compiled
-def _along(now: Array, ensemble: Ensemble, beam: Vec3, r: float) -> float:
+def _along(surroundings: Array, ensemble: Ensemble, beam: Vec3, r: float) -> float:
     """Return the velocity of the water relative to the device along a beam, m/s, at a range r, m."""
     p, v, t = ensemble.p, ensemble.v, ensemble.t
-    u = water_velocity(now, (p[0] + r * beam[0], p[1] + r * beam[1], p[2] + r * beam[2]), t)
+    u = water_velocity(surroundings, (p[0] + r * beam[0], p[1] + r * beam[1], p[2] + r * beam[2]), t)
     return float((u[0] - v[0]) * beam[0] + (u[1] - v[1]) * beam[1] + (u[2] - v[2]) * beam[2])
 
 
@@ -251,12 +251,12 @@ def _write_cell(
 
 @compiled
 def _hear_beam(
-    head: Any, row: Any, now: Array, ensemble: Ensemble, i: int, boundary: tuple[float, float], out: Array
+    head: Any, row: Any, surroundings: Array, ensemble: Ensemble, i: int, boundary: tuple[float, float], out: Array
 ) -> None:
     """Do what `hear_cells` does for beam i, point by point; `boundary` as of `boundary_of`."""
-    beam, slant, still = _beam(ensemble.q, row, i), row.direction[i, 2], place_of(now).moves == 0
+    beam, slant, still = _beam(ensemble.q, row, i), row.direction[i, 2], place_of(surroundings).moves == 0
     near, speed = boundary
-    flow = _along(now, ensemble, beam, 0.0) if still else 0.0
+    flow = _along(surroundings, ensemble, beam, 0.0) if still else 0.0
     front = middle = back = 0.0
     front_weight = middle_weight = back_weight = 1.0
     for j in range(2 * row.cells + 1):
@@ -264,7 +264,7 @@ def _hear_beam(
         front, middle, front_weight, middle_weight = middle, back, middle_weight, back_weight
         back = math.nan
         if r < row.distance[i]:
-            back = flow if still else _along(now, ensemble, beam, r)
+            back = flow if still else _along(surroundings, ensemble, beam, r)
         # Beyond the shortest distance to bottom or surface, their echo through the side lobes arrives together with that of the water.
         leak = row.side_lobe if r > near else 0.0
         back, back_weight = back + leak * speed, 1.0 + leak
@@ -279,17 +279,17 @@ def _hear_beam(
 
 
 @compiled
-def hear_cells(head: Any, row: Any, now: Array, ensemble: Ensemble, boundary: tuple[float, float], out: Array) -> None:
+def hear_cells(head: Any, row: Any, surroundings: Array, ensemble: Ensemble, boundary: tuple[float, float], out: Array) -> None:
     """Write velocity, echo and correlation of each cell and beam; nothing behind what a beam hits.
 
     Args:
-        head, row, now: of the sensor.
+        head, row, surroundings: of the sensor.
         ensemble: of this reading.
         boundary: as `boundary_of` returns it.
         out: the reading.
     """
     for i in range(row.beams):
-        _hear_beam(head, row, now, ensemble, i, boundary, out)
+        _hear_beam(head, row, surroundings, ensemble, i, boundary, out)
 
 
 @compiled

@@ -180,12 +180,12 @@ def _limits(row: Any) -> tuple[float, float, float]:
 
 @compiled
 def aim(
-    head: Any, row: Any, now: Array, t: float, origin: Array, direction: Array, count: int
+    head: Any, row: Any, surroundings: Array, t: float, origin: Array, direction: Array, count: int
 ) -> tuple[int, float]:  # fmt: skip
     """Lay the beams if the device pings."""
-    if not pings(head, row, now, t):
+    if not pings(head, row, surroundings, t):
         return count, 0.0
-    p, q = p_NS(head, now), q_NS(head, now)
+    p, q = p_NS(head, surroundings), q_NS(head, surroundings)
     for i in range(row.beams):
         beam = row.believed[i] if head.exact != 0 else row.real[i]
         lay_ray(p, rotate(q, (beam[0], beam[1], beam[2])), count, origin, direction)
@@ -214,7 +214,7 @@ def _follow(row: Any, locked: bool, altitude: float) -> None:
 
 
 @compiled
-def _snr(head: Any, row: Any, now: Array, decay: float, direction: Array, k: int, hits: Any) -> float:
+def _snr(head: Any, row: Any, surroundings: Array, decay: float, direction: Array, k: int, hits: Any) -> float:
     """Return signal over noise (a ratio) of ray k; `decay`: of intensity by absorption both ways, 1/m (exponent).
 
     The echo of an extended bottom loses 20 lg r + 2 alpha r. At the largest altitude sediment is just detected.
@@ -226,23 +226,23 @@ def _snr(head: Any, row: Any, now: Array, decay: float, direction: Array, k: int
         return 0.0
     reach = row.reach / row.cosine
     scale = THRESHOLD / (MU_SEDIMENT * row.cosine**2) * reach * reach
-    back = echo_of(now, direction[k], hits.normal[k], hits.body[k], hits.material[k])
+    back = echo_of(surroundings, direction[k], hits.normal[k], hits.body[k], hits.material[k])
     return float(scale * back / (r * r + 1e-6) * math.exp(decay * (reach - r)))
 
 
 @compiled
-def _hear(head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, first: int, hits: Any) -> float:
+def _hear(head: Any, row: Any, surroundings: Array, t: float, out: Array, direction: Array, first: int, hits: Any) -> float:
     """Write a reading. Returns the longest range of a beam that hits something, m."""
-    p, exact = p_NS(head, now), head.exact != 0
+    p, exact = p_NS(head, surroundings), head.exact != 0
     low, high, _ = _limits(row)
-    limit, height = 1.05 * high / row.cosine, submergence(now, p, t)
-    c = water_property(now, SOUND_SPEED, p[2])
-    v_S = rotate(q_SB(head), velocity_of(head, now))
-    flow = rotate(q_SB(head), rotate(conjugate(q_NB(head, now)), water_velocity(now, p, t)))
+    limit, height = 1.05 * high / row.cosine, submergence(surroundings, p, t)
+    c = water_property(surroundings, SOUND_SPEED, p[2])
+    v_S = rotate(q_SB(head), velocity_of(head, surroundings))
+    flow = rotate(q_SB(head), rotate(conjugate(q_NB(head, surroundings)), water_velocity(surroundings, p, t)))
     v_water = (v_S[0] - flow[0], v_S[1] - flow[1], v_S[2] - flow[2])
     stretch = row.sound_speed / c if row.sound_speed > 0.0 and not exact else 1.0
     gain = stretch * (1.0 if exact else 1.0 + row.m.scale)
-    decay = 0.2 * math.log(10.0) * sound_absorption(now, row.frequency, p[2])
+    decay = 0.2 * math.log(10.0) * sound_absorption(surroundings, row.frequency, p[2])
     n = row.beams
     nearest, longest = math.inf, 0.0
     for i in range(n):
@@ -253,7 +253,7 @@ def _hear(head: Any, row: Any, now: Array, t: float, out: Array, direction: Arra
         if row.bottom == 0:
             continue
         speed = along(head, row, i, v_water if hits.body[k] == SURFACE else v_S)
-        snr = _snr(head, row, now, decay, direction, k, hits)
+        snr = _snr(head, row, surroundings, decay, direction, k, hits)
         lock = low <= r * row.cosine <= high and abs(speed) <= row.speed and snr >= THRESHOLD
         out[BEAMS + 2 * n + i] = 1.0 if lock else 0.0
         if not lock:
@@ -280,15 +280,15 @@ def _hear(head: Any, row: Any, now: Array, t: float, out: Array, direction: Arra
 
 @compiled
 def measure(
-    head: Any, row: Any, now: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
+    head: Any, row: Any, surroundings: Array, t: float, out: Array, direction: Array, begin: int, end: int, hits: Any
 ) -> None:  # fmt: skip
     """Read the velocity from what the beams hear."""
-    z = p_NS(head, now)[2]
-    c, (_, high, period) = water_property(now, SOUND_SPEED, z), _limits(row)
+    z = p_NS(head, surroundings)[2]
+    c, (_, high, period) = water_property(surroundings, SOUND_SPEED, z), _limits(row)
     out[:], head.valid = MISSING, 0
     delay = 2.0 * high / row.cosine / c
     if end > begin:
-        longest = _hear(head, row, now, t, out, direction, begin, hits)
+        longest = _hear(head, row, surroundings, t, out, direction, begin, hits)
         delay = 2.0 * longest / c if head.valid != 0 else delay
     row.m.ready = t + period
     _follow(row, head.valid != 0, out[ALTITUDE])
