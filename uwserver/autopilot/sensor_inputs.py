@@ -65,7 +65,7 @@ class SensorInput(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class SiteData:
     """What the operator knows of the place.
 
     Attributes:
@@ -91,16 +91,16 @@ class SensorInputs:
         beacons: (n, 3) p_N of the beacons whose place is known, m.
         text_ports: paths of the sensors whose samples contain texts. Compiled code does not read these.
         messages: the standard messages of the sensors.
-        place: what the operator knows of the place.
+        site: what the operator knows of the place.
     """
 
-    def __init__(self, sensors: Mapping[str, SensorInput], place: Surroundings) -> None:
+    def __init__(self, sensors: Mapping[str, SensorInput], site: SiteData) -> None:
         """Read these sensors, given by port path. Raises ValueError if a port lacks a field."""
-        self.ports, self.place = tuple(sensors), place
+        self.ports, self.site = tuple(sensors), site
         self.messages = frozenset(sensor.message for sensor in sensors.values())
         self.rows: Any = np.zeros(len(sensors), SENSOR)
-        self.beacons: FloatArray = np.array(list(place.beacons.values()), float).reshape(-1, 3)
-        self._names = list(place.beacons)
+        self.beacons: FloatArray = np.array(list(site.beacons.values()), float).reshape(-1, 3)
+        self._names = list(site.beacons)
         self._columns = {path: columns_of(sensor.fields) for path, sensor in sensors.items()}
         self.text_ports = tuple(path for path, sensor in sensors.items() if FIELDS[sensor.message][0] == "beacon")
         for row, (path, sensor) in zip(self.rows, sensors.items(), strict=True):

@@ -112,12 +112,12 @@ class VehicleSpec:
 
     def fill(self, row: Any) -> None:
         """Write it into a SPEC."""
-        messages, place, dynamics = self.inputs.messages, self.inputs.place, self.dynamics
+        messages, site, dynamics = self.inputs.messages, self.inputs.site, self.dynamics
         row["divisor"], row["dt"], row["up"], row["means"] = self.divisor, self.dt, self.up, self.allocation.means
         row["axes"][list(self.allocation.axes)] = 1
         row["has_imu"], row["has_attitude"] = "Imu" in messages, "Attitude" in messages
         row["restlessness"] = MEASURED if "Imu" in messages else UNMEASURED
-        row["gravity"], row["latitude"], row["longitude"] = place.gravity, place.latitude, place.longitude
+        row["gravity"], row["latitude"], row["longitude"] = site.gravity, site.latitude, site.longitude
         row["inertia"], row["reach"], row["righting"] = dynamics.inertia, dynamics.reach, dynamics.righting
         row["linear"], row["quadratic"] = dynamics.linear, dynamics.quadratic
         if dynamics.shaft is not None:
@@ -125,5 +125,5 @@ class VehicleSpec:
 
     def begin(self) -> Estimate:
         """Return the estimate before the first sample."""
-        start = self.inputs.place.start
+        start = self.inputs.site.start
         return Estimate() if start is None else Estimate(p=start, flat=(1.0, 0.0, 0.0, 1.0, 0.0, 0.01))

@@ -10,8 +10,8 @@ from msgspec import Meta, Raw, Struct, msgpack
 
 from uwserver.physics import PHYSICS
 from uwserver.ports import Refused
+from uwserver.world.bodies_and_water import Bodies, BodiesState
 from uwserver.world.part import Part, State
-from uwserver.world.surroundings import Bodies, BodiesState
 from uwserver.world.world import World
 
 MAX_BYTES = 16 * 2**20

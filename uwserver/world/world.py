@@ -17,6 +17,7 @@ from uwserver.ports.crossing import Answers, Posted, TickOutput
 from uwserver.ports.thinning import WHOLE, Thinned
 from uwserver.sensors.base import BOTTOM, SEDIMENT
 from uwserver.sensors.others import Sight
+from uwserver.world.bodies_and_water import Bodies, Flowing
 from uwserver.world.commands import Commands
 from uwserver.world.components import ActuatorSlot, SensorStream
 from uwserver.world.diverged import Diverged, report
@@ -31,7 +32,6 @@ from uwserver.world.sensor_arrays import Around, SensorArrays
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.step_table import StepTable
 from uwserver.world.stepping import Stepping, take_turns
-from uwserver.world.surroundings import Bodies, Flowing
 from uwserver.world.threads import Threads
 from uwserver.world.ticks import Ticks
 from uwserver.world.vehicle import Vehicle

@@ -12,7 +12,7 @@ from uwserver.autopilot.arrays import AutopilotArrays, AutopilotRow
 from uwserver.autopilot.estimator import STUBBORN, place_at
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.modes import known
-from uwserver.autopilot.sensor_inputs import SensorInput, SensorInputs, Surroundings
+from uwserver.autopilot.sensor_inputs import SensorInput, SensorInputs, SiteData
 from uwserver.autopilot.state import NEVER
 from uwserver.autopilot.vehicle_spec import Dynamics, VehicleSpec
 from uwserver.environment.geodesy import latitude_longitude
@@ -66,9 +66,9 @@ ONES = (1.0,) * 6
 NO_BODIES = Hydrodynamics((), 1.0 / RATE)
 
 
-def row(place=None, **sensors):
+def row(site=None, **sensors):
     """An autopilot alone, disarmed."""
-    inputs = SensorInputs({f"rov/{name}": sensor for name, sensor in sensors.items()}, place or Surroundings())
+    inputs = SensorInputs({f"rov/{name}": sensor for name, sensor in sensors.items()}, site or SiteData())
     dynamics, allocation = Dynamics(ONES, ONES, ONES, ONES), wrench_allocation(ONES)
     return AutopilotRow(
         VehicleSpec(
@@ -81,8 +81,8 @@ def row(place=None, **sensors):
 class Bench:
     """An estimator with a clock of its own."""
 
-    def __init__(self, place=None, **sensors):
-        self.row, self.sensors = row(place, **sensors), sensors
+    def __init__(self, site=None, **sensors):
+        self.row, self.sensors = row(site, **sensors), sensors
         self.e = self.row.estimate
         self.t_ns = 0
 
@@ -193,7 +193,7 @@ def test_dead_reckoning_adds_up_and_set_position_corrects_it():
 
 
 def test_it_begins_where_the_operator_says():
-    bench = Bench(Surroundings(start=(3.0, 4.0, 5.0)), dvl=sensor("dvl"))
+    bench = Bench(SiteData(start=(3.0, 4.0, 5.0)), dvl=sensor("dvl"))
     assert bench.e.p == (3.0, 4.0, 5.0)
 
 
@@ -212,21 +212,21 @@ def test_altitude_reaches_down_from_the_mount():
 
 def test_gps_is_a_place_of_the_antenna():
     origin = (1.1, 0.2)
-    place = Surroundings(latitude=origin[0], longitude=origin[1])
-    bench = Bench(place, ahrs=sensor("attitude"), gps=sensor("gps", p=(0.5, 0, 0)))
+    site = SiteData(latitude=origin[0], longitude=origin[1])
+    bench = Bench(site, ahrs=sensor("attitude"), gps=sensor("gps", p=(0.5, 0, 0)))
     latitude, longitude = latitude_longitude(40.5, -30.0, *origin)
     bench.run(5.0, ahrs=(quat_from_rpy(0, 0, 0), 0.0), gps=(latitude, longitude, 0.2, (0, 0, 0), 1.0, 1.0, 0.1, 12, 3))
     assert bench.e.p[:2] == pytest.approx((40.0, -30.0), abs=0.05)
 
 
 def test_usbl_turns_what_it_hears_into_the_vehicle_s_own_place():
-    place = Surroundings(beacons={"b": (20.0, 10.0, 30.0)})
+    site = SiteData(beacons={"b": (20.0, 10.0, 30.0)})
     q_BS = quat_from_rpy(0.0, 0.0, 0.5)
     q = quat_from_rpy(0.0, 0.1, 1.0)
-    bench = Bench(place, ahrs=sensor("attitude"), usbl=sensor("usbl", p=(0.0, 0.0, 0.3), q=q_BS))
+    bench = Bench(site, ahrs=sensor("attitude"), usbl=sensor("usbl", p=(0.0, 0.0, 0.3), q=q_BS))
     p_NB = (2.0, -3.0, 5.0)
     p_NS = tuple(a + b for a, b in zip(p_NB, rotate(q, (0.0, 0.0, 0.3)), strict=True))
-    away = tuple(b - a for a, b in zip(p_NS, place.beacons["b"], strict=True))
+    away = tuple(b - a for a, b in zip(p_NS, site.beacons["b"], strict=True))
     seen = rotate(conjugate(q_BS), rotate(conjugate(q), away))
     bench.run(5.0, ahrs=(q, 0.0), usbl=("b", math.dist(away, (0, 0, 0)), 0.0, 0.0, seen, 0.05, (0.0,) * 4))
     assert bench.e.p[:2] == pytest.approx((2.0, -3.0), abs=0.05)
@@ -238,7 +238,7 @@ def test_usbl_turns_what_it_hears_into_the_vehicle_s_own_place():
 def test_ranges_of_three_beacons_meet_in_one_place():
     beacons = {"a": (50.0, 0.0, 20.0), "b": (-40.0, 40.0, 20.0), "c": (-10.0, -60.0, 20.0)}
     bench = Bench(
-        Surroundings(beacons=beacons, start=(0.0, 0.0, 5.0)), ahrs=sensor("attitude"), lbl=sensor("lbl", sigma=0.3)
+        SiteData(beacons=beacons, start=(0.0, 0.0, 5.0)), ahrs=sensor("attitude"), lbl=sensor("lbl", sigma=0.3)
     )
     p = (4.0, -6.0, 5.0)
     for k in range(90):
@@ -328,7 +328,7 @@ def told_of(*samples):
 
 def test_each_sample_goes_to_who_hears_it_and_an_invalid_one_tells_nothing():
     """Two vehicles in the same arrays; streams 3 and 1 are their depths, 0 is nobody's."""
-    first, second = row(depth=sensor("pressure")), row(Surroundings(start=(0.0, 0.0, 4.0)), depth=sensor("pressure"))
+    first, second = row(depth=sensor("pressure")), row(SiteData(start=(0.0, 0.0, 4.0)), depth=sensor("pressure"))
     second.spec.inputs.ports = ("other/depth",)
     arrays = AutopilotArrays()
     arrays.gather([first, second], {"rov/depth": 3, "other/depth": 1}, 4)
@@ -343,7 +343,7 @@ def test_each_sample_goes_to_who_hears_it_and_an_invalid_one_tells_nothing():
 
 
 def test_several_may_hear_one_stream():
-    rows = [row(Surroundings(start=(0.0, 0.0, z)), depth=sensor("pressure")) for z in (0.0, 4.0, 8.0)]
+    rows = [row(SiteData(start=(0.0, 0.0, z)), depth=sensor("pressure")) for z in (0.0, 4.0, 8.0)]
     arrays = AutopilotArrays()
     arrays.gather(rows, {"rov/depth": 1}, 2)
     straight(arrays.entries.hear_all)(arrays.table, told_of((1, 5, 1)), np.array([[2.0, 8.0]]), 1, 10)
@@ -357,7 +357,7 @@ def test_several_may_hear_one_stream():
 def test_a_sample_that_no_sensor_gives_tells_nothing(value):
     bench = Bench(
         ahrs=sensor("attitude"), imu=sensor("imu"), depth=sensor("pressure"), dvl=sensor("dvl"), mocap=sensor("motion_capture"),
-        lbl=sensor("lbl"), battery=sensor("battery"), place=Surroundings(beacons={"b": (20.0, 0.0, 5.0)}),
+        lbl=sensor("lbl"), battery=sensor("battery"), site=SiteData(beacons={"b": (20.0, 0.0, 5.0)}),
     )  # fmt: skip
     before = bench.row.read()
     bench.hear("ahrs", (value, 0.0, 0.0, 0.0), 0.0)

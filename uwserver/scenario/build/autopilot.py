@@ -20,7 +20,7 @@ from uwserver.autopilot.fins import FinEffect, Shaft, fin_allocation
 from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.pilot import Autopilot
 from uwserver.autopilot.ports import TEST_TIMEOUT_S, set_points
-from uwserver.autopilot.sensor_inputs import SensorInput, SensorInputs, Surroundings, fields_used
+from uwserver.autopilot.sensor_inputs import SensorInput, SensorInputs, SiteData, fields_used
 from uwserver.autopilot.services import services
 from uwserver.autopilot.state import Six
 from uwserver.autopilot.status import StateSensor
@@ -91,7 +91,7 @@ def build_autopilot(
     allocation.devices["row"], allocation.devices["full"] = holding.rows, holding.full
     spec = VehicleSpec(
         path=path,
-        inputs=SensorInputs(_sensor_inputs(world, file, name, mounts, ports), _surroundings(world, file, config)),
+        inputs=SensorInputs(_sensor_inputs(world, file, name, mounts, ports), _site_data(world, file, config)),
         allocation=allocation,
         dynamics=dynamics,
         held=holding.held,
@@ -205,12 +205,12 @@ def _sigma(sensor: SensorConfig) -> float:
     return max([0.01, *noise])
 
 
-def _surroundings(world: World, file: VehicleFile, config: AutopilotConfig) -> Surroundings:
+def _site_data(world: World, file: VehicleFile, config: AutopilotConfig) -> SiteData:
     beacons: dict[str, Vec3] = {}
     for sensor in file.sensors.values():
         beacons |= {each.name: each.p for each in sensor.traits().beacons if each.body is None and not each.moves}
     start = None if isinstance(config.start_position_ned_m, UnsetType) else config.start_position_ned_m
-    return Surroundings(world.water.gravity, world.earth.latitude, world.earth.longitude, beacons, start)
+    return SiteData(world.water.gravity, world.earth.latitude, world.earth.longitude, beacons, start)
 
 
 # -- actuators ------------------------------------------------------------------------------------------------------------------------------

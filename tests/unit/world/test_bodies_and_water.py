@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from uwserver.world.bodies_and_water import Bodies, Flowing, WaterState
 from uwserver.world.part import is_awake
-from uwserver.world.surroundings import Bodies, Flowing, WaterState
 from uwserver.world.world import World
 
 
