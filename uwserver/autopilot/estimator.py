@@ -37,7 +37,7 @@ from uwserver.autopilot.sensor_inputs import (
     USBL,
 )
 from uwserver.autopilot.state import NEVER, STILL, Estimate
-from uwserver.autopilot.sticks import settle
+from uwserver.autopilot.sticks import follow_estimate
 from uwserver.autopilot.tracks import Measured, is_likely, measure_bearing, measure_position, measure_velocity, predict
 from uwserver.environment import geodesy
 from uwserver.frames import Quat, Vec3
@@ -76,7 +76,7 @@ def update(p: Any, sensor: Any, beacons: Array, v: Array, t_ns: int, now_ns: int
     _take(p, sensor, beacons, v, t_ns, now_ns)
     deep, headed, placed = deep and e.depth_ns != NEVER, headed and e.heading_ns != NEVER, placed and e.fix_ns != NEVER
     if deep or headed or placed:
-        settle(p.o, e, deep, headed, placed)
+        follow_estimate(p.o, e, deep, headed, placed)
 
 
 @compiled

@@ -84,7 +84,7 @@ def fly(p: Any, devices: Array, curves: Array, t_ns: int, stage: int) -> int:
         c.gives = 1
         return NOTHING
     if stage <= STEER:
-        need = _look_ahead(e, o, c)
+        need = _guidance_event(e, o, c)
         if need != NOTHING:
             return int(need)
     _control(p, devices, curves, now)
@@ -111,7 +111,7 @@ def _is_in_trouble(e: Any, o: Any, now: Any) -> bool:
 
 
 @compiled
-def _look_ahead(e: Any, o: Any, c: Any) -> int:
+def _guidance_event(e: Any, o: Any, c: Any) -> int:
     """Return whether an item of the mission begins or ends, or a `goto` has arrived or is to report its progress."""
     if o.mode == MISSION:
         if o.index < 0:

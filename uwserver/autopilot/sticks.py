@@ -61,13 +61,13 @@ def enter(o: Orders, m: Memory, mode: Mode) -> None:
 @compiled
 def stay(o: Any, e: Any) -> None:
     """Move the set points that no command has given to where the vehicle is."""
-    settle(o, e, True, True, True)
+    follow_estimate(o, e, True, True, True)
     if o.given & _ALTITUDE == 0:
         o.altitude = e.bottom - e.p[2]
 
 
 @compiled
-def settle(o: Any, e: Any, depth: bool, heading: bool, place: bool) -> None:
+def follow_estimate(o: Any, e: Any, depth: bool, heading: bool, place: bool) -> None:
     """Move some set points to where the vehicle is, unless a command has given them.
 
     So they follow when the first sample of a sensor moves the estimate far away.
