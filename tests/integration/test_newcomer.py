@@ -121,7 +121,7 @@ from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.scene.scenery import Scenery
 from uwserver.simulation.clock import Timing
-from uwserver.world.lookout import Lookout
+from uwserver.world.scene_probe import SceneProbe
 
 jet = {"kind": "jet", "position_frd_m": [0.0, 0.0, 0.0], "direction_frd": [0.0, 1.0, 0.0], "max_force_N": 40.0}
 tow = {"kind": "force_torque"}
@@ -140,7 +140,7 @@ with recorder.stepped(Timing("freerun")):
         samples += output.samples
         recorder.put_samples(output.samples)
         recorder.drain()
-scene = Scenery(resolved, world).scene(Lookout(world).state().cast)
+scene = Scenery(resolved, world).scene(SceneProbe(world).state().cast)
 (view,) = (sensor for sensor in scene.vehicles[0].sensors if sensor.kind == "range_finder")
 port, types = world.ports["rov/finder"], Types()
 facts = Facts(mounts=mounts_of(scene))

@@ -26,7 +26,7 @@ from uwserver.simulation.clock import SystemTime, Timing
 from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.thread import Simulation
 from uwserver.testing.mock_time import MockTime
-from uwserver.world.lookout import Lookout
+from uwserver.world.scene_probe import SceneProbe
 
 
 @cache
@@ -55,7 +55,7 @@ class Dive:
         self.poses: dict[tuple[int, int], Any] = {}
         self.events: list[Event] = []
         self._batch = 0
-        self._lookout = Lookout(self.world)
+        self._probe = SceneProbe(self.world)
         self._recording = self.recorder.running(self.simulation, self.bus)
 
     def __enter__(self) -> Dive:
@@ -72,7 +72,7 @@ class Dive:
             output = self.world.advance()
             self.recorder.ticked(self.world)
             self._take(output)
-            self.poses[len(self.samples) - 1, self.world.t_ns] = np.array(self._lookout.state().poses)
+            self.poses[len(self.samples) - 1, self.world.t_ns] = np.array(self._probe.state().poses)
 
     def push(self, force: float) -> None:
         self._request(Command("rov/thrusters", ((force,) * 8,), "tester"))

@@ -9,7 +9,7 @@ from uwserver.ports import SceneState
 from uwserver.recording.states import STATES_HZ, Presence, Seen
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.scene.scenery import water_view
-from uwserver.world.lookout import Lookout
+from uwserver.world.scene_probe import SceneProbe
 from uwserver.world.world import World
 
 log = logging.getLogger(__name__)
@@ -20,7 +20,7 @@ class Looker:
 
     def __init__(self, world: World, resolved: Resolved) -> None:
         self._world, self._resolved = world, resolved
-        self._lookout = Lookout(world)
+        self._probe = SceneProbe(world)
         self._every = max(1, math.ceil(world.rate_hz / STATES_HZ))
         self._seen: Presence | None = None
         self._current = world.water.current
@@ -45,7 +45,7 @@ class Looker:
             return ()
         self._jumps = world.jumps
         try:
-            state = self._lookout.state()
+            state = self._probe.state()
             found = Seen(self._since_began, state)
             presence = self._presence(state)
         except Exception:  # an internal fault in data for viewers only must end neither the world nor the recording

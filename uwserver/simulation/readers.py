@@ -13,7 +13,7 @@ from uwserver.ports.thinning import WHOLE
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.steering import Steering
 from uwserver.simulation.wants import Wanted
-from uwserver.world.lookout import Lookout
+from uwserver.world.scene_probe import SceneProbe
 from uwserver.world.world import World
 
 log = logging.getLogger(__name__)
@@ -34,7 +34,7 @@ class Readers:
         """Take the world of a simulation. `bus` knows the subscriptions; `steering` runs actions between two ticks."""
         self._world, self._bus, self._steering = world, bus, steering
         self._wanted: Wanted | None = None
-        self._lookout = Lookout(world)
+        self._probe = SceneProbe(world)
         self._seen = SceneState(Cast(0, (), ()), 0, np.zeros((0, 7)), np.zeros(0, np.int8), (0.0, 0.0, 0.0))
         self._is_blind = False
         bus.expect(world.ports, world.jumps)
@@ -79,7 +79,7 @@ class Readers:
 
     def _look_at_bodies(self, on_state: OnState) -> None:
         try:
-            state = self._lookout.state()
+            state = self._probe.state()
         except Exception:  # A fault in what only viewers need must not end the world.
             if not self._is_blind:
                 self._is_blind = True

@@ -31,7 +31,7 @@ from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import SystemTime, Timing
 from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.thread import Simulation
-from uwserver.world.lookout import Lookout
+from uwserver.world.scene_probe import SceneProbe
 
 CAST = Cast(3, (Present("rov", "rov"),), (Present("crate", "crate"),))
 STATE = SceneState(CAST, 5, np.arange(14.0).reshape(2, 7) + 0.1, np.array([-127, 0, 9], np.int8), (0.1, 0.2, 0.3))
@@ -88,14 +88,14 @@ def test_a_run_tells_where_its_bodies_are_thirty_times_a_second_and_after_a_jump
     with recorder.running(simulation, bus):
         for _ in range(round(world.rate_hz)):
             world.advance()
-            truth[world.t_ns] = Lookout(world).state().poses
+            truth[world.t_ns] = SceneProbe(world).state().poses
             recorder.ticked(world)
         recorder.requested(Call("world/reset", {}, "tester"), world.tick, 1)
         world.call("world/reset")
         for event in world.flush().events:
             recorder.put_event(event)
         world.advance()
-        again = Lookout(world).state().poses
+        again = SceneProbe(world).state().poses
         recorder.ticked(world)
     with (tmp_path / "run.mcap").open("rb") as file:
         found = list(make_reader(file).iter_messages(topics=[STATES, CASTS, JUMPS], log_time_order=False))

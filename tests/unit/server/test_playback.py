@@ -21,7 +21,7 @@ from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import Timing
 from uwserver.simulation.mailbox import Mailbox
 from uwserver.testing.mock_time import MockTime
-from uwserver.world.lookout import Lookout
+from uwserver.world.scene_probe import SceneProbe
 from uwserver.world.world import World
 
 
@@ -114,7 +114,7 @@ def test_the_scene_is_that_of_the_world(played: Played, world: World) -> None:
     played.context.look(states.append)
     played.turn()
     shown = played.context.scene(states[0].cast)
-    live = Scenery(pool(), world).scene(Lookout(world).state().cast)
+    live = Scenery(pool(), world).scene(SceneProbe(world).state().cast)
     assert shown.water == live.water
     assert [(body.name, body.shapes, body.actuators, body.sensors) for body in shown.vehicles] == [
         (body.name, body.shapes, body.actuators, body.sensors) for body in live.vehicles]  # fmt: skip

@@ -19,7 +19,7 @@ from uwserver.simulation import readers as module
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import Timing
 from uwserver.world import sensing
-from uwserver.world.lookout import Lookout
+from uwserver.world.scene_probe import SceneProbe
 
 TICKS = 48
 
@@ -233,11 +233,11 @@ def test_a_driver_is_no_sink_and_is_heeded(still: Rig, made: list[str]):
 def test_a_fault_in_what_viewers_see_ends_no_world(
     still: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def fails(self: Lookout) -> None:
+    def fails(self: SceneProbe) -> None:
         raise KeyError("object")
 
     seen: queue.Queue[SceneState] = queue.Queue()
-    monkeypatch.setattr(Lookout, "state", fails)
+    monkeypatch.setattr(SceneProbe, "state", fails)
     for _ in range(3):
         still.simulation.readers.look(seen.put, "viewer")
         assert seen.get(timeout=PATIENCE_S).cast.vehicles == ()

@@ -23,7 +23,7 @@ Metres = Annotated[float, Meta(ge=-1e6, le=1e6)]
 _MOST_METRES = 2000
 _TOLERANCE_M = 0.03
 """A ray that ends this near to the box around a structure has hit the structure."""
-_LOOKOUT_M = 4.0
+_AHEAD_M = 4.0
 """Length of the pipe ahead of which the pilot has to see some part."""
 _LEAD_M = 3.0
 """The goal on the pipe is this far ahead of the vehicle."""
@@ -249,7 +249,7 @@ class Follow(Task, tag="follow", kw_only=True, frozen=True, dict=True):
             return Verdict(-1, fly, "too high above it")
         if height < self.height_m[0]:
             return Verdict(-1, fly, "too low")
-        if not any(moment.eye.has_in_view(q) for q in self._lookout(here.s)):
+        if not any(moment.eye.has_in_view(q) for q in self._points_ahead(here.s)):
             return Verdict(-1, fly, "turn the camera to it")
         if moment.speed > self.max_speed_mps:
             return Verdict(-1, fly, "too fast")
@@ -290,8 +290,8 @@ class Follow(Task, tag="follow", kw_only=True, frozen=True, dict=True):
         """Return the middle of the corridor above a point of the path."""
         return (p[0], p[1], p[2] - 0.5 * sum(self.height_m))
 
-    def _lookout(self, s: float) -> Iterator[Vec3]:
-        return (self.at(s + 0.5 * k) for k in range(int(2 * _LOOKOUT_M) + 1))
+    def _points_ahead(self, s: float) -> Iterator[Vec3]:
+        return (self.at(s + 0.5 * k) for k in range(int(2 * _AHEAD_M) + 1))
 
 
 def looking(p: Vec3, q: Sequence[float], view_deg: float) -> Eye:

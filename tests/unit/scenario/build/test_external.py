@@ -22,7 +22,7 @@ from uwserver.sensors.truth import Truth
 from uwserver.simulation.clock import Timing
 from uwserver.world import World, snapshot
 from uwserver.world.external.body import is_nowhere
-from uwserver.world.lookout import Lookout
+from uwserver.world.scene_probe import SceneProbe
 
 
 def external(**keys) -> VehicleEntry:
@@ -230,8 +230,8 @@ def test_its_ports_are_known_before_a_world_is_built():
 def test_viewers_are_told_of_it():
     resolved = resolved_of(rov=ROV, a=external(), b=external(solid=True, colour=(0.1, 0.2, 0.3)), c=external())
     world = build(resolved)
-    look = Lookout(world)
-    views = {view.name: view for view in Scenery(resolved, world).scene(look.state().cast).vehicles}
+    probe = SceneProbe(world)
+    views = {view.name: view for view in Scenery(resolved, world).scene(probe.state().cast).vehicles}
     assert (views["rov"].external, views["rov"].ghost, views["rov"].colour) == (False, False, None)
     assert (views["a"].external, views["a"].ghost, views["a"].colour) == (True, True, COLOURS[0])
     assert (views["b"].external, views["b"].ghost, views["b"].colour) == (True, False, (0.1, 0.2, 0.3))
@@ -239,25 +239,25 @@ def test_viewers_are_told_of_it():
     assert views["a"].shapes == views["b"].shapes == views["rov"].shapes
     assert [part.name for part in views["a"].actuators] == [f"t{k}" for k in range(1, 7)]
     assert views["a"].actuators[0].port is None
-    assert is_nowhere(tuple(look.state().poses[1, :3]))
+    assert is_nowhere(tuple(probe.state().poses[1, :3]))
 
 
 def test_its_thrusters_turn_as_is_said_and_push_nothing():
     world = world_of(rov=ROV, other=external(solid=True))
-    look = Lookout(world)
-    assert look.state().achieved.tolist() == [0] * 12
+    probe = SceneProbe(world)
+    assert probe.state().achieved.tolist() == [0] * 12
     world.command("other/pose", p_NB=[5.0, 0, 5])
     world.command("other/actuators", u=[1.0, -1.0, 0.5, 0.0, 0.0, 0.0])
     world.step(1)
-    assert look.state().achieved.tolist() == [0] * 6 + [127, -127, 64, 0, 0, 0]
+    assert probe.state().achieved.tolist() == [0] * 6 + [127, -127, 64, 0, 0, 0]
     assert world.vehicles["other"].nu == (0.0,) * 6
     kept = snapshot.take(world)
     world.step(478)
-    assert look.state().achieved.any()
+    assert probe.state().achieved.any()
     world.step(3)  # after 2 s nothing newer has come
-    assert not look.state().achieved.any()
+    assert not probe.state().achieved.any()
     snapshot.restore(world, kept)
-    assert look.state().achieved.tolist()[6:9] == [127, -127, 64]
+    assert probe.state().achieved.tolist()[6:9] == [127, -127, 64]
     with pytest.raises(Refused, match="not 2"):
         checked_command(world.ports["other/actuators"], {"u": [2.0] * 6})
 

@@ -19,7 +19,7 @@ from uwserver.scenario.load.scenario import load
 from uwserver.scenario.scene.scenery import Scenery
 from uwserver.scenario.solids import looks
 from uwserver.scenario.solids.looks import check_glb, read_looks
-from uwserver.world.lookout import Lookout
+from uwserver.world.scene_probe import SceneProbe
 
 TRIANGLE = struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)
 PLAIN: dict[str, Any] = {
@@ -112,7 +112,7 @@ def test_looks_are_described_under_their_hash_and_change_no_state(tmp_path: Path
     assert identity(resolved) == identity(load(bare, adapters=installed_adapters()))
     world = build(resolved)
     scenery = Scenery(resolved, world)
-    scene = scenery.scene(Lookout(world).state().cast)
+    scene = scenery.scene(SceneProbe(world).state().cast)
     name = hashlib.sha256(glb()).hexdigest()
     assert scenery.looks == {name: glb()}
     (post,), (rov,) = scene.structures, scene.vehicles

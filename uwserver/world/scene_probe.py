@@ -45,7 +45,7 @@ class Rows(NamedTuple):
     total: int = 0
 
 
-class Lookout:
+class SceneProbe:
     """Takes the state of the scene of a world, between two ticks."""
 
     def __init__(self, world: World) -> None:

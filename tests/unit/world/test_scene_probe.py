@@ -10,7 +10,7 @@ from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import ForceTable, ThrusterParams
 from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.world import snapshot
-from uwserver.world.lookout import Lookout, full_thrust
+from uwserver.world.scene_probe import SceneProbe, full_thrust
 from uwserver.world.world import World
 
 
@@ -23,10 +23,10 @@ def world() -> World:
 
 
 def test_poses_are_those_of_the_bodies(world: World) -> None:
-    lookout = Lookout(world)
+    scene_probe = SceneProbe(world)
     world.command("rov/thrusters", u=[0.5] * 8)
     world.step(60)
-    state = lookout.state()
+    state = scene_probe.state()
     assert state.t_ns == world.t_ns > 0
     assert [body.name for body in state.cast.vehicles] == ["rov", "auv"]
     for pose, name in zip(state.poses, ("rov", "auv"), strict=True):
@@ -38,13 +38,13 @@ def test_poses_are_those_of_the_bodies(world: World) -> None:
 
 
 def test_what_thrusters_achieve_follows_their_lag(world: World) -> None:
-    lookout = Lookout(world)
-    assert not lookout.state().achieved.any()
+    scene_probe = SceneProbe(world)
+    assert not scene_probe.state().achieved.any()
     world.command("rov/thrusters", u=[1.0, -1.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
     world.step(1)
-    begun = lookout.state().achieved.tolist()
+    begun = scene_probe.state().achieved.tolist()
     world.step(239)
-    full = lookout.state().achieved.tolist()
+    full = scene_probe.state().achieved.tolist()
     assert full[:2] == [127, -127]
     assert abs(begun[0]) < 127
     assert 0 < full[2] < 127
@@ -54,7 +54,7 @@ def test_what_thrusters_achieve_follows_their_lag(world: World) -> None:
 def test_what_fins_and_shafts_achieve_is_their_place_between_the_limits(world: World) -> None:
     names = [servo.name for servo in world.hydro.params[1].appendages.servos]
     paths = [path for path, port in world.ports.items() if path.startswith("auv/") and port.direction == "actuator"]
-    lookout = Lookout(world)
+    scene_probe = SceneProbe(world)
     for ticks in (1, 120):  # before the watchdogs
         for path in paths:
             field = world.ports[path].fields[0]
@@ -62,7 +62,7 @@ def test_what_fins_and_shafts_achieve_is_their_place_between_the_limits(world: W
                 most = [field.maximum] * field.shape[0] if field.shape else field.maximum
                 world.command(path, **{field.name: most})
         world.step(ticks)
-        achieved = lookout.state().achieved[8:].tolist()
+        achieved = scene_probe.state().achieved[8:].tolist()
         assert len(achieved) == len(names)
         if ticks == 1:
             assert max(achieved) < 127, "they take their time"
@@ -73,12 +73,12 @@ def test_what_fins_and_shafts_achieve_is_their_place_between_the_limits(world: W
 
 
 def test_the_revision_rises_when_somebody_comes_or_goes(world: World) -> None:
-    lookout = Lookout(world)
-    first = lookout.state().cast
+    scene_probe = SceneProbe(world)
+    first = scene_probe.state().cast
     world.step(3)
-    assert lookout.state().cast is first
+    assert scene_probe.state().cast is first
     world.call("world/spawn", name="second", like="rov", p_NB=[5.0, 5.0, 5.0])
-    spawned = lookout.state()
+    spawned = scene_probe.state()
     assert spawned.cast.revision == first.revision + 1
     assert [(body.name, body.like) for body in spawned.cast.vehicles] == [
         ("rov", "rov"),
@@ -87,17 +87,17 @@ def test_the_revision_rises_when_somebody_comes_or_goes(world: World) -> None:
     ]
     assert (spawned.poses[2, :3] == 5.0).all()
     world.call("world/remove", name="rov")
-    gone = lookout.state()
+    gone = scene_probe.state()
     assert [body.name for body in gone.cast.vehicles] == ["auv", "second"]
     assert gone.cast.revision == first.revision + 2
     assert len(gone.achieved) == len(spawned.achieved) - 8
     world.call("world/reset")
-    assert lookout.state().cast.revision == first.revision + 3
+    assert scene_probe.state().cast.revision == first.revision + 3
 
 
 def test_free_objects_stand_behind_the_vehicles() -> None:
     world = uwserver.load("push_the_crate")
-    state = Lookout(world).state()
+    state = SceneProbe(world).state()
     assert state.cast.objects
     assert len(state.poses) == len(state.cast.vehicles) + len(state.cast.objects)
     crate = world.members[state.cast.objects[0].name].vehicle
@@ -106,15 +106,15 @@ def test_free_objects_stand_behind_the_vehicles() -> None:
 
 def test_a_vehicle_whose_file_calls_it_object_is_a_vehicle(world: World) -> None:
     object.__setattr__(world.vehicles["rov"], "model", "object")
-    cast = Lookout(world).state().cast
+    cast = SceneProbe(world).state().cast
     assert [body.name for body in cast.vehicles] == ["rov", "auv"]
     assert cast.objects == ()
 
 
 def test_looking_changes_nothing(world: World) -> None:
-    lookout = Lookout(world)
+    scene_probe = SceneProbe(world)
     before = world.hydro.save()
-    lookout.state()
+    scene_probe.state()
     assert world.hydro.save() == before
 
 
@@ -126,13 +126,13 @@ def test_full_thrust_lies_between_the_curves_of_the_supply() -> None:
 
 
 def test_another_current_is_another_revision(world: World) -> None:
-    lookout = Lookout(world)
-    first = lookout.state().cast
-    assert lookout.state().cast is first
+    scene_probe = SceneProbe(world)
+    first = scene_probe.state().cast
+    assert scene_probe.state().cast is first
     before = snapshot.take(world)
     world.set_current((0.5, 0.0, 0.0))
-    second = lookout.state()
+    second = scene_probe.state()
     assert (second.current, second.cast.revision) == ((0.5, 0.0, 0.0), first.revision + 1)
-    assert lookout.state().cast is second.cast
+    assert scene_probe.state().cast is second.cast
     snapshot.restore(world, before)
-    assert lookout.state().cast.revision == first.revision + 2
+    assert scene_probe.state().cast.revision == first.revision + 2
