@@ -20,9 +20,9 @@ from pathlib import Path
 from uwserver.ports import Call, Command, Event, Json, Refused, Sample
 from uwserver.ports.told import Told
 from uwserver.recording.format import Request
-from uwserver.recording.looker import Looker
 from uwserver.recording.output import NOTHING, Item, Output, Ports, State
 from uwserver.recording.parts import ONE_FILE, Rotation
+from uwserver.recording.scene_recorder import SceneRecorder
 from uwserver.recording.writer import TooManyChannels
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.simulation.bus import Bus
@@ -78,7 +78,7 @@ class Recorder:
         self._open = self._finished = False
         self._ending = threading.Event()
         self._error = ""
-        self._looker = Looker(world, resolved)
+        self._scene_recorder = SceneRecorder(world, resolved)
         self._second = max(1, round(world.rate_hz))
         # Only one thread writes each counter, so that they need no lock.
         self._samples_put = self._dropped = 0  # loop
@@ -151,7 +151,7 @@ class Recorder:
         state = snapshot.take(self._world)
         self._open = True
         self._follow_ports()
-        self._queue.extend(self._looker.look())
+        self._queue.extend(self._scene_recorder.changes())
         simulation.observe(self)
         return state
 
@@ -174,7 +174,7 @@ class Recorder:
         if self._simulation is not None:
             self._simulation.observe(None)
         if not self._error:
-            self._queue.extend(self._looker.look())
+            self._queue.extend(self._scene_recorder.changes())
             self._queue.append(State(self._next_index(), self._world.t_ns, snapshot.take(self._world), is_last=True))
 
     def close(self) -> None:
@@ -265,7 +265,7 @@ class Recorder:
             return
         self._requests_put += 1
         if item.source != BEGIN:  # loading the saved state with which a run begins is not a jump of time
-            self._looker.begin()
+            self._scene_recorder.begin()
         self._follow_ports()
         self._queue.append(Request.of(item, self._next_index(), batch, tick))
 
@@ -274,7 +274,7 @@ class Recorder:
         if not self._open or self._error:
             return
         self._follow_ports()  # before the loop gets samples of this tick
-        self._queue.extend(self._looker.look())
+        self._queue.extend(self._scene_recorder.changes())
         if world.tick % self._second == 0:
             self._queue.append(State(self._next_index(), world.t_ns, snapshot.take(world)))
         while self._may_wait() and self._full(MAX_SAMPLES // 2) and self._open and not self._error:
@@ -282,7 +282,7 @@ class Recorder:
 
     def next_tick(self, tick: int) -> int:
         """Return the next tick at which a state hash or poses are recorded."""
-        return min(tick + self._second - tick % self._second, self._looker.next_tick(tick))
+        return min(tick + self._second - tick % self._second, self._scene_recorder.next_tick(tick))
 
     def _follow_ports(self) -> None:
         if self._world.ports is not self._seen:

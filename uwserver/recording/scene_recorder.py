@@ -15,7 +15,7 @@ from uwserver.world.world import World
 log = logging.getLogger(__name__)
 
 
-class Looker:
+class SceneRecorder:
     """Observes the bodies of a world and their poses, at most `STATES_HZ` times a second. Runs on the simulation thread."""
 
     def __init__(self, world: World, resolved: Resolved) -> None:
@@ -36,7 +36,7 @@ class Looker:
         """Return the next tick at which poses are due; the very next one if none were taken yet."""
         return tick + 1 if self._seen is None and not self._has_failed else tick + self._every - tick % self._every
 
-    def look(self) -> tuple[Presence | Seen, ...]:
+    def changes(self) -> tuple[Presence | Seen, ...]:
         """Return the bodies, ports and services, if they changed, and the poses, if they are due."""
         world, seen = self._world, self._seen
         self.begin()
