@@ -18,7 +18,7 @@ from threading import Event, Thread
 from typing import IO, Any
 
 from uwserver.recording.player_track import Track
-from uwserver.recording.states import CASTS, STATES
+from uwserver.recording.states import ENTITY_LISTS, STATES
 from uwserver.simulation.clock import SystemTime, processor_ns
 from uwserver_bench.processes import BenchFailed, Served, _address, serving, stop
 from uwserver_bench.rows import Row
@@ -151,7 +151,7 @@ def _enlarged(source: Path, target: Path, size: int) -> int:
         k = 0
         while output.tell() < size:
             for _, channel, message in found:
-                if channel.topic in (CASTS, STATES) and k:
+                if channel.topic in (ENTITY_LISTS, STATES) and k:
                     continue  # the first lists what is there, and the second contains times
                 writer.add_message(numbers[channel.id], message.log_time + k * step, message.data, message.publish_time)
             k += 1

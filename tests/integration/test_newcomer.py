@@ -140,7 +140,7 @@ with recorder.stepped(Timing("freerun")):
         samples += output.samples
         recorder.put_samples(output.samples)
         recorder.drain()
-scene = Scenery(resolved, world).scene(SceneProbe(world).state().cast)
+scene = Scenery(resolved, world).scene(SceneProbe(world).state().entities)
 (view,) = (sensor for sensor in scene.vehicles[0].sensors if sensor.kind == "range_finder")
 port, types = world.ports["rov/finder"], Types()
 facts = Facts(mounts=mounts_of(scene))

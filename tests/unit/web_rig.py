@@ -14,10 +14,10 @@ from uwserver_adapters.web.config import WebConfig
 from websockets.asyncio.client import ClientConnection, connect
 
 from uwserver.adapter import VehicleFacts
-from uwserver.ports import Cast, Present, SceneState
+from uwserver.ports import EntityList, Present, SceneState
 from uwserver.testing import FakeContext
 
-TWO = Cast(3, (Present("rov", "rov"), Present("auv", "rov")), (Present("crate", "crate"),))
+TWO = EntityList(3, (Present("rov", "rov"), Present("auv", "rov")), (Present("crate", "crate"),))
 
 
 def state_of(t_ns: int = 0) -> SceneState:

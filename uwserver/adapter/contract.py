@@ -15,7 +15,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Protocol, runtime_checkable
 
 from uwserver.adapter.world import WorldFacts
-from uwserver.ports import Cast, Event, Fault, Json, OnReply, Port, Sample, SceneState, SceneView, Service
+from uwserver.ports import EntityList, Event, Fault, Json, OnReply, Port, Sample, SceneState, SceneView, Service
 from uwserver.table import Table
 
 log = logging.getLogger(__name__)
@@ -215,7 +215,7 @@ class AdapterContext(Protocol):
             Refused: `overload`; too many requests wait already.
         """
 
-    def scene(self, cast: Cast) -> SceneView:
+    def scene(self, entities: EntityList) -> SceneView:
         """Return a description of the world with these bodies, which a `SceneState` names. The first call with a large seabed takes some 10 ms."""
 
     def mesh(self, sha256: str) -> bytes | None:

@@ -10,7 +10,7 @@ from uwserver.ports.scene import (
     BeaconView,
     BeamView,
     BodyView,
-    Cast,
+    EntityList,
     FanView,
     LampView,
     LooksView,
@@ -52,7 +52,7 @@ from uwserver.ports.values import (
 )
 
 __all__ = [
-    "ACHIEVED_FULL", "NOWHERE_M", "ActuatorView", "Argument", "BeaconView", "BeamView", "BodyView", "Buffer", "Call", "Cast", "Command",
+    "ACHIEVED_FULL", "NOWHERE_M", "ActuatorView", "Argument", "BeaconView", "BeamView", "BodyView", "Buffer", "Call", "EntityList", "Command",
     "ErrorCode", "Event", "FanView", "Fault", "Field", "Item", "Items", "Json", "LampView", "Layout", "LooksView", "MeshView",
     "OnReply", "OriginView", "Port", "Present", "Progress", "Propulsor", "Refused", "Reply", "Sample", "Scalar", "SceneState", "SceneView",
     "SensorView", "Service", "ShapeView", "SolidView", "Value", "WaterView", "WaveView", "binary_form", "is_stop", "matches", "matching",

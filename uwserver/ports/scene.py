@@ -313,7 +313,7 @@ class Present(NamedTuple):
     like: str
 
 
-class Cast(NamedTuple):
+class EntityList(NamedTuple):
     """The bodies in the world. It is the same object until a body comes or goes, or the current is set.
 
     Attributes:
@@ -330,14 +330,14 @@ class SceneState(NamedTuple):
     """Poses of all bodies after a tick.
 
     Attributes:
-        cast: the bodies.
+        entities: the bodies.
         t_ns: simulation time.
         poses: (n, 7) p_NB (m) and q_NB (w x y z), vehicles first.
         achieved: (m) int8, -127..127: state of the actuators of all vehicles, in the order of `BodyView.actuators`.
         current: uniform part of the current, N, m/s.
     """
 
-    cast: Cast
+    entities: EntityList
     t_ns: int
     poses: npt.NDArray[np.float64]
     achieved: npt.NDArray[np.int8]

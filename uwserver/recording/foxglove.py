@@ -40,7 +40,7 @@ class FoxgloveChannels:
         try:
             if isinstance(item, Presence):
                 self._water = item.water or self._water
-                yield self._channels.scene(self._scenery.scene(item.cast), item.t_ns)
+                yield self._channels.scene(self._scenery.scene(item.entities), item.t_ns)
             elif isinstance(item, SceneState):
                 yield from self._channels.state(item)
             else:

@@ -16,7 +16,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from uwserver.ports import Cast, Event, OnReply, Refused, Reply, Sample, SceneState, WaterView
+from uwserver.ports import EntityList, Event, OnReply, Refused, Reply, Sample, SceneState, WaterView
 from uwserver.ports.crossing import TickOutput
 from uwserver.recording.player_file import McapMessage, NotPlayable
 from uwserver.recording.player_items import Item
@@ -85,7 +85,7 @@ class Deck:
         self._goals: list[Goal] = []
         self._jumps = self._woken_ns = self._checked_ns = self._grown_ns = self._asked = 0
         self._has_reported_replaced = self._has_reported_damage = False
-        self._blank = SceneState(Cast(0, (), ()), 0, np.zeros((0, 7)), np.zeros(0, np.int8), (0.0, 0.0, 0.0))
+        self._blank = SceneState(EntityList(0, (), ()), 0, np.zeros((0, 7)), np.zeros(0, np.int8), (0.0, 0.0, 0.0))
         bus.expect(self.world.ports, 0)
         self._place(0, self._bounds()[0])
 

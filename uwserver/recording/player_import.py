@@ -26,7 +26,7 @@ from uwserver.logfiles.mapping import PortSource, read_mapping, value_of
 from uwserver.logfiles.poses import pose_tracks
 from uwserver.logfiles.rules import mapping_of
 from uwserver.logfiles.samples import port_samples
-from uwserver.ports import Cast, Event, Field, Port, Present, Sample, SceneState, Service
+from uwserver.ports import EntityList, Event, Field, Port, Present, Sample, SceneState, Service
 from uwserver.recording.channels import message_of
 from uwserver.recording.format import metadata
 from uwserver.recording.player_file import NotPlayable
@@ -172,13 +172,13 @@ def write_imported(
     Raises:
         OSError: the file cannot be written.
     """
-    cast, models = Cast(1, (), tuple(Present(body, body) for body in tracks)), dict.fromkeys(tracks, "object")
+    entities, models = EntityList(1, (), tuple(Present(body, body) for body in tracks)), dict.fromkeys(tracks, "object")
     sea = water_of(world.resolved.scenario.environment, RATE_HZ, lambda path: np.random.default_rng(0))
     water = still_water_view(world.resolved, sea)
-    states = ((seen.state.t_ns, seen) for seen in _states(span, tracks, cast, shift))
+    states = ((seen.state.t_ns, seen) for seen in _states(span, tracks, entities, shift))
     with target.open("xb") as file:
         writer = RecordingWriter(file, metadata(world.resolved, world.seed, Timing()), world.ports)
-        writer.presence(Presence(cast, 0, 0, world.start_ns, world.ports, world.services, models, water))
+        writer.presence(Presence(entities, 0, 0, world.start_ns, world.ports, world.services, models, water))
         for _, item in merge(states, items, key=lambda pair: pair[0]):
             if isinstance(item, Seen):
                 writer.state(item)
@@ -189,7 +189,7 @@ def write_imported(
         writer.finish()
 
 
-def _states(span: tuple[int, int], tracks: Mapping[str, PoseTrack], cast: Cast, shift: int) -> Iterator[Seen]:
+def _states(span: tuple[int, int], tracks: Mapping[str, PoseTrack], entities: EntityList, shift: int) -> Iterator[Seen]:
     """Yield the poses of all bodies over the span of a log (ns), with `shift` subtracted from their times. A body without data keeps its pose."""
     first = min([span[0], *(int(track.t_ns[0]) for track in tracks.values())])
     last = max([span[1], *(int(track.t_ns[-1]) for track in tracks.values())])
@@ -201,7 +201,7 @@ def _states(span: tuple[int, int], tracks: Mapping[str, PoseTrack], cast: Cast, 
             pose = track.at(t_ns, "hold")
             if pose is not None:
                 row[:3], row[3:] = pose.p_NB, pose.q_NB
-        yield Seen(0, SceneState(cast, t_ns - shift, rows, np.zeros(0, np.int8), (0.0, 0.0, 0.0)))
+        yield Seen(0, SceneState(entities, t_ns - shift, rows, np.zeros(0, np.int8), (0.0, 0.0, 0.0)))
 
 
 def _times(tracks: Mapping[str, PoseTrack], first: int, last: int) -> list[int]:

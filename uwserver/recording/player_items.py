@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
-from uwserver.ports import Cast, Event, Port, Service, WaterView
+from uwserver.ports import EntityList, Event, Port, Service, WaterView
 from uwserver.recording.player_file import McapMessage
 from uwserver.recording.states import Body
 
@@ -32,7 +32,7 @@ class Scene(NamedTuple):
 
     jumps: int
     t_ns: int
-    cast: Cast
+    entities: EntityList
     bodies: tuple[Body, ...]
     ports: Mapping[str, Port]
     services: Mapping[str, Service]

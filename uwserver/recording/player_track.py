@@ -1,6 +1,6 @@
 """A recording in the form that can be played: runs between jumps of time, scenes, and messages in the order of time.
 
-Samples and events were written when the loop had them. States and casts reach the file sooner, and may come before samples of the same time; so they
+Samples and events were written when the loop had them. States and lists of bodies reach the file sooner, and may come before samples of the same time; so they
 wait here until their time has come. Each run between two jumps has its own span of time, and within a run time never goes back.
 """
 
@@ -15,7 +15,7 @@ from typing import Final, TypeVar
 
 import msgspec
 
-from uwserver.ports import Cast, Port, Sample, SceneState, Service
+from uwserver.ports import EntityList, Port, Sample, SceneState, Service
 from uwserver.recording.format import EVENTS, METADATA
 from uwserver.recording.parts import begins_with_state
 from uwserver.recording.player_file import McapMessage, NotPlayable, renamed
@@ -23,7 +23,7 @@ from uwserver.recording.player_head import played_head
 from uwserver.recording.player_items import Item, Mark, Place, Run, Scene
 from uwserver.recording.player_messages import ChannelReader
 from uwserver.recording.player_parts import PartChunks
-from uwserver.recording.states import CASTS, JUMPS, STATES, CastRecord, read_state, time_of_state
+from uwserver.recording.states import ENTITY_LISTS, JUMPS, STATES, EntityListRecord, read_state, time_of_state
 
 T = TypeVar("T", Port, Service)
 
@@ -68,7 +68,7 @@ class Track:
             self.head, self.remarks = played_head(self._chunks)
             self.runs: list[Run] = []
             self.scenes: list[Scene] = []
-            self._casts: dict[int, Cast] = {}
+            self._entity_lists: dict[int, EntityList] = {}
             self._sensors: set[str] = set()
             # In a later part that is played alone, the first run has number 0, whatever came before.
             self._is_later = begins_with_state(self._chunks.metadata[METADATA])
@@ -130,8 +130,8 @@ class Track:
         """Add the scenes and the jumps of time of the new chunks."""
         first = self._seen_chunks
         self._seen_chunks = len(self._chunks.chunks)
-        for chunk in self._holding(CASTS, first):
-            for _, message in self._of_topic(CASTS, chunk):
+        for chunk in self._holding(ENTITY_LISTS, first):
+            for _, message in self._of_topic(ENTITY_LISTS, chunk):
                 self._add_scene(message)
         with_jumps = self._holding(JUMPS, first)
         if len(with_jumps) > MOST_LOOKED_AT:
@@ -185,7 +185,7 @@ class Track:
 
     def _add_scene(self, message: McapMessage) -> None:
         try:
-            record = msgspec.json.decode(message.data, type=CastRecord)
+            record = msgspec.json.decode(message.data, type=EntityListRecord)
             if self._names:
                 record = record.renamed(lambda path: renamed(path, self._names))
             before = self.scenes[-1] if self.scenes else None
@@ -201,15 +201,15 @@ class Track:
         if before is None and self._is_later:
             self._jumps_before = record.jumps
         self._sensors |= {port.path for port in record.ports if port.direction == "sensor"}
-        there = (record.cast, ports, services, water)
-        if before is not None and there == (before.cast, before.ports, before.services, before.water):
+        there = (record.entities, ports, services, water)
+        if before is not None and there == (before.entities, before.ports, before.services, before.water):
             return  # a part repeats the last scene of the part before
         if before is not None and not (record.ports or record.ports_gone):
             ports = before.ports  # the same object, by which the player sees that no port changed
         bodies = (*record.vehicles, *record.objects)
-        self._casts[record.revision] = record.cast
+        self._entity_lists[record.revision] = record.entities
         jumps = record.jumps - self._jumps_before
-        self.scenes.append(Scene(jumps, record.t_ns, record.cast, bodies, ports, services, water))
+        self.scenes.append(Scene(jumps, record.t_ns, record.entities, bodies, ports, services, water))
 
     def _time_of(self, state: McapMessage) -> tuple[int, int]:
         """Return run and time (ns) of a state."""
@@ -366,7 +366,7 @@ class Track:
     def show(self, message: McapMessage) -> None:
         """Set the poses of the bodies from a message."""
         try:
-            self.state = read_state(message.data, self._casts).state
+            self.state = read_state(message.data, self._entity_lists).state
         except ValueError:
             self.messages.damaged += 1
 

@@ -60,13 +60,13 @@ class SceneRecorder:
 
     def _presence(self, state: SceneState) -> Presence | None:
         world, seen = self._world, self._seen
-        if seen and seen.cast is state.cast and seen.ports is world.ports and seen.services is world.services:
+        if seen and seen.entities is state.entities and seen.ports is world.ports and seen.services is world.services:
             return None
         models = {name: member.vehicle.model for name, member in world.members.items()}
         has_other_water = seen is None or self._current != state.current
         water = water_view(self._resolved, world) if has_other_water else None
         self._current = state.current
         self._seen = Presence(
-            state.cast, self._since_began, world.tick, world.t_ns, world.ports, world.services, models, water
+            state.entities, self._since_began, world.tick, world.t_ns, world.ports, world.services, models, water
         )
         return self._seen

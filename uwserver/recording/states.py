@@ -4,9 +4,9 @@
 after each jump of time. A message contains
 
 ====  =========  ==========================================================================================================
- u32  revision   revision of the cast that it shows, as in ``uwserver/casts``
+ u32  revision   revision of the list of bodies that it shows, as in ``uwserver/casts``
  u32  jumps      number of resets and restores, which set the time, since the recording began
- u16  n          number of bodies: vehicles first, then objects, in the order of the cast
+ u16  n          number of bodies: vehicles first, then objects, in the order of the list
  u16  m          number of actuators of all vehicles
  i64  t_ns       simulation time
  f64  current    3: uniform part of the current, N, m/s
@@ -14,13 +14,13 @@ after each jump of time. A message contains
   i8  achieved   m: output of each actuator, in 127ths of the full output (see `uwserver.ports.ActuatorView`)
 ====  =========  ==========================================================================================================
 
-``uwserver/casts`` (JSON, `CastRecord`) lists the bodies, ports and services of the world, at the start and at every change. Ports and services are
+``uwserver/casts`` (JSON, `EntityListRecord`) lists the bodies, ports and services of the world, at the start and at every change. Ports and services are
 written as differences from the record before; otherwise a thousand bodies that are added one by one would cost a million ports.
 
 ``uwserver/jumps`` (JSON, `uwserver.ports.Event`) repeats the events ``reset``. A reader finds there the places where the time was set, without
 reading the rest. What has n ``jumps`` belongs to the n-th run between them, counted from 0.
 
-In the file, states and casts may come before samples of the same time, because they reach the writer sooner.
+In the file, states and lists of bodies may come before samples of the same time, because they reach the writer sooner.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from typing import Any, Final, Literal, TypeVar
 import numpy as np
 from msgspec import UNSET, Struct, UnsetType, structs
 
-from uwserver.ports import Argument, Cast, Port, Present, SceneState, Service, WaterView
+from uwserver.ports import Argument, EntityList, Port, Present, SceneState, Service, WaterView
 
 STATES: Final = "uwserver/states"
-CASTS: Final = "uwserver/casts"
+ENTITY_LISTS: Final = "uwserver/casts"
 JUMPS: Final = "uwserver/jumps"
 ENCODING: Final = "uwserver-state"
 STATES_HZ: Final = 30.0
@@ -98,13 +98,13 @@ class ServiceRecord(Struct, frozen=True, omit_defaults=True):
         return Service(self.path, self.doc, arguments, self.reads_only, self.long_running)
 
 
-class CastRecord(Struct, frozen=True, omit_defaults=True):
+class EntityListRecord(Struct, frozen=True, omit_defaults=True):
     """One message of ``uwserver/casts``.
 
     Attributes:
-        revision: number by which states name the cast.
+        revision: number by which states name the list.
         jumps: as in a state.
-        tick, t_ns: the cast is valid from the end of this tick.
+        tick, t_ns: the list is valid from the end of this tick.
         vehicles, objects: all bodies, in the order of the states.
         ports, services: new and changed ones.
         ports_gone, services_gone: paths of removed ones.
@@ -123,7 +123,7 @@ class CastRecord(Struct, frozen=True, omit_defaults=True):
     services_gone: tuple[str, ...] = ()
     water: WaterView | UnsetType = UNSET
 
-    def renamed(self, rename: Callable[[str], str]) -> CastRecord:
+    def renamed(self, rename: Callable[[str], str]) -> EntityListRecord:
         """Return a copy with renamed paths and names."""
         return structs.replace(
             self,
@@ -136,10 +136,10 @@ class CastRecord(Struct, frozen=True, omit_defaults=True):
         )
 
     @property
-    def cast(self) -> Cast:
-        """Return the cast to which a `SceneState` refers."""
+    def entities(self) -> EntityList:
+        """Return the list of bodies to which a `SceneState` refers."""
         vehicles, objects = (tuple(Present(b.name, b.like) for b in group) for group in (self.vehicles, self.objects))
-        return Cast(self.revision, vehicles, objects)
+        return EntityList(self.revision, vehicles, objects)
 
 
 class Presence(Struct, frozen=True):
@@ -151,7 +151,7 @@ class Presence(Struct, frozen=True):
         water: None if it did not change.
     """
 
-    cast: Cast
+    entities: EntityList
     jumps: int
     tick: int
     t_ns: int
@@ -160,16 +160,16 @@ class Presence(Struct, frozen=True):
     models: Mapping[str, str]
     water: WaterView | None = None
 
-    def since(self, before: Presence | None) -> CastRecord:
+    def since(self, before: Presence | None) -> EntityListRecord:
         """Return the record of the changes since another presence; of everything without one."""
         ports, ports_gone = _changes({} if before is None else before.ports, self.ports)
         services, services_gone = _changes({} if before is None else before.services, self.services)
         vehicles, objects = (
             tuple(Body(b.name, b.like, self.models[b.name]) for b in group)
-            for group in (self.cast.vehicles, self.cast.objects)
+            for group in (self.entities.vehicles, self.entities.objects)
         )
-        return CastRecord(
-            self.cast.revision, self.jumps, self.tick, self.t_ns, vehicles, objects,
+        return EntityListRecord(
+            self.entities.revision, self.jumps, self.tick, self.t_ns, vehicles, objects,
             ports, ports_gone, tuple(map(ServiceRecord.of, services)), services_gone, UNSET if self.water is None else self.water,
         )  # fmt: skip
 
@@ -192,7 +192,7 @@ def state_message(seen: Seen) -> bytes:
     """Return a state as a message of the channel."""
     state = seen.state
     counts = len(state.poses), len(state.achieved)
-    head = _HEAD.pack(state.cast.revision, seen.jumps, *counts, state.t_ns, *state.current)
+    head = _HEAD.pack(state.entities.revision, seen.jumps, *counts, state.t_ns, *state.current)
     return b"".join((head, state.poses.astype("<f8").tobytes(), state.achieved.tobytes()))
 
 
@@ -204,15 +204,15 @@ def time_of_state(data: bytes) -> tuple[int, int]:
     return jumps, t_ns
 
 
-def read_state(data: bytes, casts: Mapping[int, Cast]) -> Seen:
+def read_state(data: bytes, entity_lists: Mapping[int, EntityList]) -> Seen:
     """Read a message of the channel.
 
     Args:
         data: the message.
-        casts: by revision.
+        entity_lists: by revision.
 
     Raises:
-        ValueError: the length is not what the head says, or the cast is unknown.
+        ValueError: the length is not what the head says, or the list of bodies is unknown.
     """
     if len(data) < _HEAD.size:
         raise ValueError(f"a state of {len(data)} bytes has no head")
@@ -220,9 +220,9 @@ def read_state(data: bytes, casts: Mapping[int, Cast]) -> Seen:
     end = _HEAD.size + bodies * _POSE * 8
     if len(data) != end + actuators:
         raise ValueError(f"a state of {bodies} bodies and {actuators} actuators cannot have {len(data)} bytes")
-    cast = casts.get(revision)
-    if cast is None or len(cast.vehicles) + len(cast.objects) != bodies:
-        raise ValueError(f"a state of {bodies} bodies refers to the cast {revision}, which is not in the file")
+    entities = entity_lists.get(revision)
+    if entities is None or len(entities.vehicles) + len(entities.objects) != bodies:
+        raise ValueError(f"a state of {bodies} bodies refers to the list of bodies {revision}, which is not in the file")
     poses = np.frombuffer(data, "<f8", bodies * _POSE, _HEAD.size).reshape(bodies, _POSE)
     achieved = np.frombuffer(data, np.int8, actuators, end)
-    return Seen(jumps, SceneState(cast, t_ns, poses, achieved, tuple(current)))
+    return Seen(jumps, SceneState(entities, t_ns, poses, achieved, tuple(current)))

@@ -19,7 +19,7 @@ from uwserver.recording.format import EVENTS, HASHES, METADATA, REQUESTS, Reques
 from uwserver.recording.foxglove import FoxgloveChannels
 from uwserver.recording.parts import STATE
 from uwserver.recording.schemas import port_schema, schema_of
-from uwserver.recording.states import CASTS, ENCODING, JUMPS, LAYOUT, STATES, Presence, Seen, state_message
+from uwserver.recording.states import ENCODING, ENTITY_LISTS, JUMPS, LAYOUT, STATES, Presence, Seen, state_message
 
 MAX_CHANNELS = 65_535
 """Largest number of channels; MCAP has 16 bits for their numbers."""
@@ -84,7 +84,7 @@ class RecordingWriter:
         self._hashes = self._channel(HASHES, "uwserver.StateHash", schema_of(StateHash))
         self._requests = self._channel(REQUESTS, "uwserver.Request", schema_of(Request))
         self._jumps = self._channel(JUMPS, "uwserver.Event", schema_of(Event))
-        self._casts = self._channel(CASTS, "uwserver.CastRecord", {"title": CASTS, "type": "object"})
+        self._entity_lists = self._channel(ENTITY_LISTS, "uwserver.CastRecord", {"title": ENTITY_LISTS, "type": "object"})
         layout = self._writer.register_schema("uwserver.State", "text", LAYOUT.encode())
         self._states = self._writer.register_channel(STATES, ENCODING, layout, {})
         self._row_of: dict[int, _Row | None] = {}
@@ -192,11 +192,11 @@ class RecordingWriter:
         record = presence.since(self.told)
         water = presence.water or (None if self.told is None else self.told.water)
         self.told = structs.replace(presence, water=water)
-        self._add(self._casts, presence.t_ns, record, presence.t_ns)
+        self._add(self._entity_lists, presence.t_ns, record, presence.t_ns)
         self._show(presence)
 
     def state(self, seen: Seen) -> None:
-        """Write the poses of all bodies. `presence` must have written their cast before."""
+        """Write the poses of all bodies. `presence` must have written the list of bodies before."""
         t_ns = seen.state.t_ns
         self._writer.add_message((self._states, 0, t_ns, t_ns), state_message(seen))
         self._show(seen.state)

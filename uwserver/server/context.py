@@ -12,8 +12,8 @@ from uwserver import __version__
 from uwserver.adapter import AdapterStats, Driver, Subscriber, VehicleFacts, WorldFacts
 from uwserver.ports import (
     Call,
-    Cast,
     Command,
+    EntityList,
     Event,
     Fault,
     Json,
@@ -210,9 +210,9 @@ class Context:
         """See `uwserver.adapter.AdapterContext.look`."""
         self._hub.simulation.readers.look(on_state, f"{self.name}:{source}")
 
-    def scene(self, cast: Cast) -> SceneView:
+    def scene(self, entities: EntityList) -> SceneView:
         """See `uwserver.adapter.AdapterContext.scene`."""
-        return self._hub.scenery.scene(cast)
+        return self._hub.scenery.scene(entities)
 
     def mesh(self, sha256: str) -> bytes | None:
         """See `uwserver.adapter.AdapterContext.mesh`."""

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from uwserver.ports import Cast, Refused, Sample, SceneState
+from uwserver.ports import EntityList, Refused, Sample, SceneState
 from uwserver.ports.thinning import WHOLE
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.steering import Steering
@@ -35,7 +35,7 @@ class Readers:
         self._world, self._bus, self._steering = world, bus, steering
         self._wanted: Wanted | None = None
         self._probe = SceneProbe(world)
-        self._seen = SceneState(Cast(0, (), ()), 0, np.zeros((0, 7)), np.zeros(0, np.int8), (0.0, 0.0, 0.0))
+        self._seen = SceneState(EntityList(0, (), ()), 0, np.zeros((0, 7)), np.zeros(0, np.int8), (0.0, 0.0, 0.0))
         self._is_blind = False
         bus.expect(world.ports, world.jumps)
 

@@ -13,8 +13,8 @@ from uwserver.adapter import AdapterStats, Driver, Subscriber, VehicleFacts, Wor
 from uwserver.ports import (
     Argument,
     Buffer,
-    Cast,
     Command,
+    EntityList,
     Event,
     Field,
     Json,
@@ -210,9 +210,9 @@ class FakeContext:
         self.looked += 1
         asyncio.get_running_loop().call_soon(lambda: on_state(self.scene_state))
 
-    def scene(self, cast: Cast) -> SceneView:
+    def scene(self, entities: EntityList) -> SceneView:
         """Return a world with nothing but bodies in it."""
-        return bare_scene(cast, self.world)
+        return bare_scene(entities, self.world)
 
     def mesh(self, sha256: str) -> bytes | None:
         """Return a file of the test."""

@@ -10,7 +10,7 @@ from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.params import ThrusterParams
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.layout import P, Q
-from uwserver.ports import ACHIEVED_FULL, Cast, Present, SceneState
+from uwserver.ports import ACHIEVED_FULL, EntityList, Present, SceneState
 from uwserver.world.members import Member
 from uwserver.world.world import World
 
@@ -52,7 +52,7 @@ class SceneProbe:
         """Take the world whose scene is shown."""
         self._world = world
         self._members: tuple[Member, ...] | None = None
-        self._cast = Cast(0, (), ())
+        self._entities = EntityList(0, (), ())
         self._rows = rows_of(world.hydro, (), 0)
         self._current = world.water.current
 
@@ -65,10 +65,10 @@ class SceneProbe:
         if world.water.current != self._current:
             # A service or a restored state has changed the current, so the description that viewers have is out of date.
             self._current = world.water.current
-            self._cast = self._cast._replace(revision=self._cast.revision + 1)
+            self._entities = self._entities._replace(revision=self._entities.revision + 1)
         hydro, rows = world.hydro, self._rows
         poses = hydro.state[rows.bodies, P : Q + 4]
-        return SceneState(self._cast, world.t_ns, poses, achieved(hydro, rows, world.t_ns), world.water.current)
+        return SceneState(self._entities, world.t_ns, poses, achieved(hydro, rows, world.t_ns), world.water.current)
 
     def _follow(self, members: tuple[Member, ...]) -> None:
         """Make the list of bodies and their rows again, after bodies were added or removed."""
@@ -81,7 +81,7 @@ class SceneProbe:
             for group in (vehicles, objects)
         ]
         self._members = members
-        self._cast = Cast(self._cast.revision + 1, here[0], here[1])
+        self._entities = EntityList(self._entities.revision + 1, here[0], here[1])
         self._rows = rows_of(self._world.hydro, (*vehicles, *objects), len(vehicles))
 
 

@@ -239,9 +239,9 @@ class FoxgloveAdapter(AdapterBase[FoxgloveConfig]):
         self._is_asked = False
         if not self.clients:
             return
-        if state.cast.revision != self._revision:
-            self._revision = state.cast.revision
-            scene = self._channels.scene(self.context.scene(state.cast), state.t_ns)
+        if state.entities.revision != self._revision:
+            self._revision = state.entities.revision
+            scene = self._channels.scene(self.context.scene(state.entities), state.t_ns)
             self.scene = scene.t_ns, scene.data
             if self.config.shows_poses:
                 self._show(SCENE, scene.t_ns, scene.data)
@@ -251,7 +251,7 @@ class FoxgloveAdapter(AdapterBase[FoxgloveConfig]):
         for client in self.clients:
             client.outbox.put(codec.time(state.t_ns), is_sample=True)
         if self.config.shows_poses and self._is_watched(
-            FRAMES, *(f"/{body.name}/pose" for body in state.cast.vehicles)
+            FRAMES, *(f"/{body.name}/pose" for body in state.entities.vehicles)
         ):
             for message in self._channels.state(state):
                 self._show(message.topic, message.t_ns, message.data)

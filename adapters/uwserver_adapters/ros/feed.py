@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 from uwserver.adapter import AdapterContext, Conversation, Refusals, within
-from uwserver.ports import Buffer, Cast, Event, Present, Refused, Reply, Sample, SceneState
+from uwserver.ports import Buffer, EntityList, Event, Present, Refused, Reply, Sample, SceneState
 from uwserver_adapters.ros.messages import (
     CLOCK,
     TF_STATIC,
@@ -167,9 +167,9 @@ class Feed:
     def begin(self) -> None:
         """Make the catalogue before the first tick. The world does not answer yet: its vehicles are those of the scenario."""
         mounts: Mapping[str, Mount] = {}
-        cast = Cast(_BEFORE, tuple(Present(v.name, v.name) for v in self._context.world.vehicles), ())
+        entities = EntityList(_BEFORE, tuple(Present(v.name, v.name) for v in self._context.world.vehicles), ())
         try:
-            mounts = mounts_of(self._context.scene(cast))
+            mounts = mounts_of(self._context.scene(entities))
         except KeyError:
             # The adapter was restarted, and a copy was spawned before: only the world knows of which vehicle it is one.
             self._renewing = asyncio.get_running_loop().create_task(self.renew())
@@ -187,7 +187,7 @@ class Feed:
         try:
             self._context.look(seen)
             state = await within(SCENE_S, found, "no answer")
-            mounts = mounts_of(self._context.scene(state.cast))
+            mounts = mounts_of(self._context.scene(state.entities))
         except (Refused, TimeoutError) as error:
             text = "%s does not know the mounts of sensors (%s): their frames are those of their vehicle"
             log.warning(text, self._context.name, error)

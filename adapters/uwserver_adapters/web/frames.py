@@ -37,7 +37,7 @@ def state_frame(state: SceneState, flags: int) -> bytes:
     bodies = state.poses if is_shown else state.poses[:0]
     achieved = state.achieved if is_shown else state.achieved[:0]
     return b"".join((
-        _STATE.pack(STATE, flags, len(bodies), state.cast.revision, state.t_ns),
+        _STATE.pack(STATE, flags, len(bodies), state.entities.revision, state.t_ns),
         bodies.astype("<f4").tobytes(),
         _COUNT.pack(len(achieved)),
         achieved.tobytes(),

@@ -118,7 +118,7 @@ class Pages:
     def _show(self, state: SceneState) -> None:
         self._is_requested = False
         flags = (PAUSED if self._paused else 0) | (0 if self._shows_poses else HIDDEN)
-        now, sign = self._loop.time(), (state.t_ns, state.cast.revision, flags)
+        now, sign = self._loop.time(), (state.t_ns, state.entities.revision, flags)
         if sign == self._last and now - self._sent < STATUS_S:
             return
         takers = [page for page in self.all if page.wants_frames and page.is_clear]

@@ -11,7 +11,7 @@ from msgspec import structs
 from uwserver.adapter import AdapterContext, Driver, Subscriber, WorldFacts, did_you_mean
 from uwserver.ports import (
     Argument,
-    Cast,
+    EntityList,
     Json,
     OnReply,
     Port,
@@ -233,8 +233,8 @@ class Rights:
     def look(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
         self._context.look(on_state, source)
 
-    def scene(self, cast: Cast) -> SceneView:
-        return self._context.scene(cast)
+    def scene(self, entities: EntityList) -> SceneView:
+        return self._context.scene(entities)
 
     def mesh(self, sha256: str) -> bytes | None:
         return self._context.mesh(sha256)

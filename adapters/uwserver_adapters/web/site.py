@@ -172,9 +172,9 @@ class Site:
 
     def _packed_scene(self, state: SceneState) -> asyncio.Future[StaticFile]:
         """Return the description of the scene, which is made once for each revision."""
-        revision = state.cast.revision
+        revision = state.entities.revision
         if self._scene is None or self._scene[0] != revision or _has_failed(self._scene[1]):
-            scene = self._context.scene(state.cast)
+            scene = self._context.scene(state.entities)
             extra = {"exact_poses": self._config.shows_poses, "read_only": self._config.read_only}
             data = msgspec.json.encode({**msgspec.structs.asdict(scene), **extra})
             self._scene = revision, asyncio.get_running_loop().run_in_executor(None, static_file, data, _JSON)

@@ -69,7 +69,7 @@ export class Timeline {
     this.poses = new Float32Array(0);
     /** @type {Int8Array} */
     this.achieved = new Int8Array(0);
-    /** How often time went back or the cast changed: who keeps a history clears it then. */
+    /** How often time went back or the list of bodies changed: who keeps a history clears it then. */
     this.breaks = 0;
   }
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from uwserver.ports import ActuatorView, BodyView, Cast, Present, SceneView, ShapeView
+from uwserver.ports import ActuatorView, BodyView, EntityList, Present, SceneView, ShapeView
 from uwserver.testing import FakeContext
 
 
@@ -15,7 +15,7 @@ def test_every_key_is_always_there() -> None:
 
 
 def test_a_description_survives_json() -> None:
-    scene = FakeContext().scene(Cast(7, (Present("rov", "rov"),), ()))
+    scene = FakeContext().scene(EntityList(7, (Present("rov", "rov"),), ()))
     thruster = ActuatorView(
         "t1", "thruster", (1.0, 2.0, 3.0), (1.0, 0.0, 0.0), low=-2.0, high=3.0, port="rov/t", index=0
     )

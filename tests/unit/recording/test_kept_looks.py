@@ -77,7 +77,7 @@ def test_who_plays_a_recording_sees_the_looks_without_the_files(dressed: Resolve
     track.close()
     played = track.head.resolved
     scenery = Scenery(played, build(played))
-    scene = scenery.scene(track.scenes[0].cast)
+    scene = scenery.scene(track.scenes[0].entities)
     assert sorted(scenery.looks.values()) == [glb("a"), glb("b")]
     (post,), (rov,), (crate,) = scene.structures, scene.vehicles, scene.objects
     assert post.looks is not None

@@ -167,7 +167,7 @@ def test_names_are_changed_everywhere(run: tuple[Path, Dive]) -> None:
     scene = track.scenes[0]
     assert {path.partition("/")[0] for path in scene.ports} == {"ghost"}
     assert [body.name for body in scene.bodies] == ["ghost"]
-    assert scene.cast.vehicles[0].like == "rov"
+    assert scene.entities.vehicles[0].like == "rov"
     assert any(path.startswith("ghost/") for path in scene.services)
     assert not any(path.startswith("rov/") for path in scene.services)
     assert len(played(track)) == len(run[1].samples[0])

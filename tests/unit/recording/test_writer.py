@@ -14,7 +14,7 @@ from uwserver.ports import Call
 from uwserver.recording.parts import Rotation
 from uwserver.recording.player_track import Track
 from uwserver.recording.recorder import Recorder
-from uwserver.recording.states import CASTS, CastRecord
+from uwserver.recording.states import ENTITY_LISTS, EntityListRecord
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.simulation.clock import Timing
@@ -33,17 +33,17 @@ def parts(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return [path, *(path.with_name(f"run.000{k}.mcap") for k in (2, 3))]
 
 
-def casts(path: Path) -> list[CastRecord]:
+def entity_lists(path: Path) -> list[EntityListRecord]:
     with path.open("rb") as file:
         return [
-            msgspec.json.decode(m.data, type=CastRecord) for _, _, m in make_reader(file).iter_messages(topics=[CASTS])
+            msgspec.json.decode(m.data, type=EntityListRecord) for _, _, m in make_reader(file).iter_messages(topics=[ENTITY_LISTS])
         ]
 
 
 def test_a_later_part_tells_all_who_are_there(parts: list[Path]) -> None:
-    first = casts(parts[0])[0]
-    came = casts(parts[1])[-1]
-    (told,) = casts(parts[2])
+    first = entity_lists(parts[0])[0]
+    came = entity_lists(parts[1])[-1]
+    (told,) = entity_lists(parts[2])
     assert [body.name for body in told.vehicles] == ["rov", "guest"]
     assert (told.t_ns, told.tick, told.jumps) == (2_000_000_000, 480, 1)
     assert told.revision == came.revision, "by which the states of this part name it"
@@ -57,7 +57,7 @@ def test_a_later_part_alone_is_played(parts: list[Path]) -> None:
     track = Track(parts[2])
     track.seek(0, 2_500_000_000)
     assert track.state is not None
-    assert [body.name for body in track.state.cast.vehicles] == ["rov", "guest"]
+    assert [body.name for body in track.state.entities.vehicles] == ["rov", "guest"]
     assert track.newest("guest/imu", track.scenes[0].ports) is not None
     assert track.messages.damaged == 0
     track.close()

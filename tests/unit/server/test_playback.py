@@ -113,8 +113,8 @@ def test_the_scene_is_that_of_the_world(played: Played, world: World) -> None:
         played.turn()
     played.context.look(states.append)
     played.turn()
-    shown = played.context.scene(states[0].cast)
-    live = Scenery(pool(), world).scene(SceneProbe(world).state().cast)
+    shown = played.context.scene(states[0].entities)
+    live = Scenery(pool(), world).scene(SceneProbe(world).state().entities)
     assert shown.water == live.water
     assert [(body.name, body.shapes, body.actuators, body.sensors) for body in shown.vehicles] == [
         (body.name, body.shapes, body.actuators, body.sensors) for body in live.vehicles]  # fmt: skip

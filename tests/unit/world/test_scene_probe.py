@@ -28,7 +28,7 @@ def test_poses_are_those_of_the_bodies(world: World) -> None:
     world.step(60)
     state = scene_probe.state()
     assert state.t_ns == world.t_ns > 0
-    assert [body.name for body in state.cast.vehicles] == ["rov", "auv"]
+    assert [body.name for body in state.entities.vehicles] == ["rov", "auv"]
     for pose, name in zip(state.poses, ("rov", "auv"), strict=True):
         vehicle = world.vehicles[name]
         assert (*pose[:3], *pose[3:]) == (*vehicle.p_NB, *vehicle.q_NB)
@@ -74,13 +74,13 @@ def test_what_fins_and_shafts_achieve_is_their_place_between_the_limits(world: W
 
 def test_the_revision_rises_when_somebody_comes_or_goes(world: World) -> None:
     scene_probe = SceneProbe(world)
-    first = scene_probe.state().cast
+    first = scene_probe.state().entities
     world.step(3)
-    assert scene_probe.state().cast is first
+    assert scene_probe.state().entities is first
     world.call("world/spawn", name="second", like="rov", p_NB=[5.0, 5.0, 5.0])
     spawned = scene_probe.state()
-    assert spawned.cast.revision == first.revision + 1
-    assert [(body.name, body.like) for body in spawned.cast.vehicles] == [
+    assert spawned.entities.revision == first.revision + 1
+    assert [(body.name, body.like) for body in spawned.entities.vehicles] == [
         ("rov", "rov"),
         ("auv", "auv"),
         ("second", "rov"),
@@ -88,27 +88,27 @@ def test_the_revision_rises_when_somebody_comes_or_goes(world: World) -> None:
     assert (spawned.poses[2, :3] == 5.0).all()
     world.call("world/remove", name="rov")
     gone = scene_probe.state()
-    assert [body.name for body in gone.cast.vehicles] == ["auv", "second"]
-    assert gone.cast.revision == first.revision + 2
+    assert [body.name for body in gone.entities.vehicles] == ["auv", "second"]
+    assert gone.entities.revision == first.revision + 2
     assert len(gone.achieved) == len(spawned.achieved) - 8
     world.call("world/reset")
-    assert scene_probe.state().cast.revision == first.revision + 3
+    assert scene_probe.state().entities.revision == first.revision + 3
 
 
 def test_free_objects_stand_behind_the_vehicles() -> None:
     world = uwserver.load("push_the_crate")
     state = SceneProbe(world).state()
-    assert state.cast.objects
-    assert len(state.poses) == len(state.cast.vehicles) + len(state.cast.objects)
-    crate = world.members[state.cast.objects[0].name].vehicle
-    assert tuple(state.poses[len(state.cast.vehicles)]) == (*crate.p_NB, *crate.q_NB)
+    assert state.entities.objects
+    assert len(state.poses) == len(state.entities.vehicles) + len(state.entities.objects)
+    crate = world.members[state.entities.objects[0].name].vehicle
+    assert tuple(state.poses[len(state.entities.vehicles)]) == (*crate.p_NB, *crate.q_NB)
 
 
 def test_a_vehicle_whose_file_calls_it_object_is_a_vehicle(world: World) -> None:
     object.__setattr__(world.vehicles["rov"], "model", "object")
-    cast = SceneProbe(world).state().cast
-    assert [body.name for body in cast.vehicles] == ["rov", "auv"]
-    assert cast.objects == ()
+    entities = SceneProbe(world).state().entities
+    assert [body.name for body in entities.vehicles] == ["rov", "auv"]
+    assert entities.objects == ()
 
 
 def test_looking_changes_nothing(world: World) -> None:
@@ -127,12 +127,12 @@ def test_full_thrust_lies_between_the_curves_of_the_supply() -> None:
 
 def test_another_current_is_another_revision(world: World) -> None:
     scene_probe = SceneProbe(world)
-    first = scene_probe.state().cast
-    assert scene_probe.state().cast is first
+    first = scene_probe.state().entities
+    assert scene_probe.state().entities is first
     before = snapshot.take(world)
     world.set_current((0.5, 0.0, 0.0))
     second = scene_probe.state()
-    assert (second.current, second.cast.revision) == ((0.5, 0.0, 0.0), first.revision + 1)
-    assert scene_probe.state().cast is second.cast
+    assert (second.current, second.entities.revision) == ((0.5, 0.0, 0.0), first.revision + 1)
+    assert scene_probe.state().entities is second.entities
     snapshot.restore(world, before)
-    assert scene_probe.state().cast.revision == first.revision + 2
+    assert scene_probe.state().entities.revision == first.revision + 2

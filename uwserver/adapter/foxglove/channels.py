@@ -97,11 +97,11 @@ class SceneChannels:
 
     def state(self, state: SceneState) -> Iterator[Foreign]:
         """Yield the frames of all bodies, and the pose of each vehicle."""
-        t_ns, bodies = state.t_ns, (*state.cast.vehicles, *state.cast.objects)
+        t_ns, bodies = state.t_ns, (*state.entities.vehicles, *state.entities.objects)
         rows = list(zip(bodies, state.poses.tolist(), strict=True))
         frames = (codec.transform(t_ns, WORLD, body.name, row[:3], row[3:]) for body, row in rows)
         yield Foreign("/tf", "foxglove.FrameTransforms", t_ns, b"".join((self._fixed, *frames)))
-        for body, row in rows[: len(state.cast.vehicles)]:
+        for body, row in rows[: len(state.entities.vehicles)]:
             data = codec.pose_in_frame(t_ns, WORLD, row[:3], row[3:])
             yield Foreign(f"/{body.name}/pose", "foxglove.PoseInFrame", t_ns, data)
 

@@ -18,7 +18,7 @@ from mcap.records import Channel, Chunk, DataEnd, Metadata, Schema
 from mcap.stream_reader import StreamReader
 
 from uwserver.logfiles.mcap_records import CHANNEL, MESSAGE, MESSAGE_HEAD, SCHEMA, learn, records_in
-from uwserver.ports import Cast, Event, Field
+from uwserver.ports import EntityList, Event, Field
 from uwserver.recording.channels import message_of
 from uwserver.recording.format import EVENTS, METADATA
 from uwserver.recording.parts import SERVED
@@ -31,7 +31,7 @@ from uwserver.recording.reading import (
     parts_of,
 )
 from uwserver.recording.report.columns import Column, FloatArray, columns_of
-from uwserver.recording.states import CASTS, STATES, CastRecord, read_state
+from uwserver.recording.states import ENTITY_LISTS, STATES, EntityListRecord, read_state
 from uwserver.scenario.files.opening import opened
 from uwserver.units import NANOSECONDS
 
@@ -193,7 +193,7 @@ class _Reading:
         self._channels: dict[int, _PortData | None] = {}
         self._events: list[Event] = []
         self._own: dict[int, str] = {}
-        self._casts: dict[int, Cast] = {}
+        self._entity_lists: dict[int, EntityList] = {}
         self._poses: dict[str, array[float]] = {}
         self._bad: Counter[str] = Counter()
         self._more_events = 0
@@ -270,7 +270,7 @@ class _Reading:
         if number in self._channels:
             return
         self._channels[number] = None
-        if topic in (EVENTS, STATES, CASTS):
+        if topic in (EVENTS, STATES, ENTITY_LISTS):
             self._own[number] = topic
         elif "kind" in about and "direction" in about and channel.schema_id in self._schemas:
             try:
@@ -325,14 +325,14 @@ class _Reading:
         self._end_ns = max(self._end_ns, min(log_ns, _LATEST_NS))
 
     def _own_message(self, topic: str, data: bytes) -> None:
-        if topic == CASTS:
-            cast = msgspec.json.decode(data, type=CastRecord).cast
-            self._casts[cast.revision] = cast
+        if topic == ENTITY_LISTS:
+            entities = msgspec.json.decode(data, type=EntityListRecord).entities
+            self._entity_lists[entities.revision] = entities
         elif topic == STATES:
-            state = read_state(data, self._casts).state
+            state = read_state(data, self._entity_lists).state
             if not 0 <= state.t_ns <= _LATEST_NS:
                 raise ValueError("the time is out of range")
-            for body, pose in zip((*state.cast.vehicles, *state.cast.objects), state.poses.tolist(), strict=True):
+            for body, pose in zip((*state.entities.vehicles, *state.entities.objects), state.poses.tolist(), strict=True):
                 self._poses.setdefault(body.name, array("d")).extend((state.t_ns / NANOSECONDS, *pose))
         elif len(self._events) < MOST_EVENTS:
             self._events.append(msgspec.json.decode(data, type=Event))

@@ -27,7 +27,7 @@ from uwserver.physics.kernel.layout import (
 )
 from uwserver.ports import (
     BodyView,
-    Cast,
+    EntityList,
     LooksView,
     OriginView,
     Present,
@@ -91,18 +91,18 @@ class Scenery:
         self._params: dict[int, BodyParams] = {}
         self._solids: tuple[SolidView | None, tuple[SolidView, ...]] | None = None
 
-    def scene(self, cast: Cast) -> SceneView:
+    def scene(self, entities: EntityList) -> SceneView:
         """Return the description of the world with these bodies."""
         newest = self._newest
-        if newest is not None and newest.revision == cast.revision:
+        if newest is not None and newest.revision == entities.revision:
             return newest
         resolved, world = self._resolved, self._world
         seabed, structures = self._static()
-        vehicles = tuple(self._vehicle(body) for body in cast.vehicles)
-        files = [(body.name, resolved.vehicles[body.like].vehicle) for body in cast.vehicles]
+        vehicles = tuple(self._vehicle(body) for body in entities.vehicles)
+        files = [(body.name, resolved.vehicles[body.like].vehicle) for body in entities.vehicles]
         self._newest = SceneView(
             schema=SCHEMA,
-            revision=cast.revision,
+            revision=entities.revision,
             scenario=resolved.name,
             title=resolved.scenario.title,
             epoch=world.epoch_utc,
@@ -112,7 +112,7 @@ class Scenery:
             seabed=seabed,
             structures=structures,
             vehicles=vehicles,
-            objects=tuple(self._object(body) for body in cast.objects),
+            objects=tuple(self._object(body) for body in entities.objects),
             beacons=tuple(beacon for name, file in files for beacon in beacon_views(name, file)),
             meshes=self.meshes.views,
         )

@@ -114,7 +114,7 @@ class Entities:
             names = _names(state)
             if request.entity not in names:
                 return response(self._types, "GetEntityInfo", NOT_FOUND, _nobody(request.entity, names))
-            is_vehicle = names.index(request.entity) < len(state.cast.vehicles)
+            is_vehicle = names.index(request.entity) < len(state.entities.vehicles)
             model = next((v.model for v in self._context.world.vehicles if v.name == request.entity), "")
             category = self._types.make(f"{PACKAGE}/msg/EntityCategory", category=_ROBOT if is_vehicle else _OBJECT)
             info = self._types.make(f"{PACKAGE}/msg/EntityInfo", category=category, description=model)
@@ -246,7 +246,7 @@ def _ask_within_limit(
 
 
 def _names(state: SceneState) -> list[str]:
-    return [one.name for one in (*state.cast.vehicles, *state.cast.objects)]
+    return [one.name for one in (*state.entities.vehicles, *state.entities.objects)]
 
 
 def _nobody(name: str, there: Sequence[str]) -> str:

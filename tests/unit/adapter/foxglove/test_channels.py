@@ -16,7 +16,7 @@ from uwserver.ports import (
     BeamView,
     BodyView,
     Buffer,
-    Cast,
+    EntityList,
     Event,
     Field,
     Layout,
@@ -42,7 +42,7 @@ SENSORS = (
     SensorView("rov/camera", "camera", (0.3, 0.0, 0.0), LEVEL, message="Image"),
     SensorView("rov/imu", "imu", (0.0, 0.0, 0.0), LEVEL, message="Imu"),
 )
-CAST = Cast(1, (Present("rov", "rov"),), (Present("crate", "crate"),))
+ENTITIES = EntityList(1, (Present("rov", "rov"),), (Present("crate", "crate"),))
 WATER = WaterView(1025.0, 1500.0, (), 0.0, (0, 0, 0), (), "II", (0, 0, 0), (0, 0, 0))
 GPS = Port(
     "rov/gps", "sensor", "gps",
@@ -100,7 +100,7 @@ def test_the_scene_has_an_entity_for_each_body() -> None:
 def test_frames_form_one_tree_with_z_up_at_its_root(channels: SceneChannels) -> None:
     q_NB = (0.5, 0.5, 0.5, -0.5)
     poses = np.array([[1.0, 2.0, 3.0, *q_NB], [4.0, 5.0, 6.0, *LEVEL]])
-    tf, pose = channels.state(SceneState(CAST, 99, poses, np.zeros(0, np.int8), (0, 0, 0)))
+    tf, pose = channels.state(SceneState(ENTITIES, 99, poses, np.zeros(0, np.int8), (0, 0, 0)))
     transforms = {t.child_frame_id: t for t in decoded(tf).transforms}
     parents = {child: t.parent_frame_id for child, t in transforms.items()}
     assert parents == {

@@ -27,7 +27,7 @@ from uwserver.adapter import VehicleFacts
 from uwserver.adapter.foxglove import channels
 from uwserver.ports import (
     Argument,
-    Cast,
+    EntityList,
     Event,
     Field,
     Port,
@@ -41,7 +41,7 @@ from uwserver.ports import (
 from uwserver.testing import FakeContext
 from uwserver.testing.fake_context import PORTS, SERVICES
 
-ROV = Cast(3, (Present("rov", "rov"),), ())
+ROV = EntityList(3, (Present("rov", "rov"),), ())
 GPS = Port(
     "rov/gps", "sensor", "gps",
     tuple(Field(n, "1", "") for n in ("latitude", "longitude", "height", "horizontal_accuracy", "vertical_accuracy")), "", message="NavSatFix",
@@ -309,8 +309,8 @@ def test_events_are_log_lines_and_a_reset_begins_a_session() -> None:
 class Filmed(FakeContext):
     """A world whose rov has a camera."""
 
-    def scene(self, cast: Cast) -> SceneView:
-        seen = super().scene(cast)
+    def scene(self, entities: EntityList) -> SceneView:
+        seen = super().scene(entities)
         eye = SensorView(CAMERA.path, "camera", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), message="Image")
         return replace(seen, vehicles=tuple(replace(body, sensors=(eye,)) for body in seen.vehicles))
 

@@ -19,12 +19,12 @@ def mounted(made, likes=("rov",), answers=True):
     """A world that knows where its sensors sit: of those that are like these; and answers a look, or does not."""
 
     class World(FakeContext):
-        def scene(self, cast):
-            for body in cast.vehicles:
+        def scene(self, entities):
+            for body in entities.vehicles:
                 if body.like not in likes:
                     raise KeyError(body.like)
             sensor = SensorView("rov/imu", "imu", (0.1, 0.2, 0.3), (1.0, 0.0, 0.0, 0.0), message="Imu")
-            scene = super().scene(cast)
+            scene = super().scene(entities)
             return structs.replace(scene, vehicles=(BodyView("rov", "x", "rov", (), sensors=(sensor,)),))
 
         def look(self, on_state, source=""):

@@ -20,7 +20,7 @@ from uwserver_adapters.ros1.config import Ros1Config
 from uwserver_adapters.ros1.links import ask, place_of
 
 from uwserver.adapter import CannotListen, may_connect
-from uwserver.ports import BodyView, Cast, Refused, Reply, SceneState, SceneView, SensorView
+from uwserver.ports import BodyView, EntityList, Refused, Reply, SceneState, SceneView, SensorView
 from uwserver.testing import FakeContext
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
@@ -319,9 +319,9 @@ def test_nothing_is_kept_of_what_a_subscriber_says(monkeypatch: pytest.MonkeyPat
 class Unstarted(FakeContext):
     """A world before its first tick: it knows where its sensors sit, but answers no look."""
 
-    def scene(self, cast: Cast) -> SceneView:
+    def scene(self, entities: EntityList) -> SceneView:
         sensor = SensorView("rov/imu", "imu", (0.1, 0.2, 0.3), (1.0, 0.0, 0.0, 0.0), message="Imu")
-        return structs.replace(super().scene(cast), vehicles=(BodyView("rov", "x", "rov", (), sensors=(sensor,)),))
+        return structs.replace(super().scene(entities), vehicles=(BodyView("rov", "x", "rov", (), sensors=(sensor,)),))
 
     def look(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
         pass

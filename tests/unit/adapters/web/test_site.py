@@ -185,7 +185,7 @@ def test_the_scene_is_told_once_for_all_and_anew_when_bodies_come() -> None:
         assert (await stage.get("/world.json", If_None_Match=first.headers["etag"])).status == 304
         state = stage.context.scene_state
         stage.context.scene_state = state._replace(
-            cast=state.cast._replace(revision=4, vehicles=state.cast.vehicles[:1])
+            entities=state.entities._replace(revision=4, vehicles=state.entities.vehicles[:1])
         )
         again = await stage.get("/world.json", If_None_Match=first.headers["etag"])
         assert (again.status, json.loads(again.body)["revision"]) == (200, 4)
@@ -252,7 +252,7 @@ def test_a_scene_that_cannot_be_described_is_told_and_logged_once(caplog: pytest
     async def scene(stage: Stage) -> None:
         described = stage.context.scene
 
-        def fails(cast: object) -> None:
+        def fails(entities: object) -> None:
             raise KeyError("object")
 
         stage.context.scene = fails  # type: ignore[method-assign,assignment]

@@ -231,7 +231,7 @@ def test_viewers_are_told_of_it():
     resolved = resolved_of(rov=ROV, a=external(), b=external(solid=True, colour=(0.1, 0.2, 0.3)), c=external())
     world = build(resolved)
     probe = SceneProbe(world)
-    views = {view.name: view for view in Scenery(resolved, world).scene(probe.state().cast).vehicles}
+    views = {view.name: view for view in Scenery(resolved, world).scene(probe.state().entities).vehicles}
     assert (views["rov"].external, views["rov"].ghost, views["rov"].colour) == (False, False, None)
     assert (views["a"].external, views["a"].ghost, views["a"].colour) == (True, True, COLOURS[0])
     assert (views["b"].external, views["b"].ghost, views["b"].colour) == (True, False, (0.1, 0.2, 0.3))

@@ -38,7 +38,7 @@ def loaded(name: str) -> Resolved:
 def described(name: str) -> tuple[Scenery, SceneView, Any]:
     world = build(loaded(name))
     scenery, state = Scenery(loaded(name), world), SceneProbe(world).state()
-    return scenery, scenery.scene(state.cast), SimpleNamespace(state=state, world=world)
+    return scenery, scenery.scene(state.entities), SimpleNamespace(state=state, world=world)
 
 
 def test_a_scene_names_all_that_is_there() -> None:
@@ -82,7 +82,7 @@ def test_the_waves_are_those_of_the_physics() -> None:
     begun.waves(significant_height_m=1.0, peak_period_s=6.0, spreading=4.0, components=30, depth_m=15.0)
     resolved = load(begun.build(), adapters={})
     world = build(resolved)
-    scene, water = Scenery(resolved, world).scene(SceneProbe(world).state().cast), world.water
+    scene, water = Scenery(resolved, world).scene(SceneProbe(world).state().entities), world.water
     assert len(scene.water.waves) == 30, "the tide is no wave"
     for x, y, t in ((0.0, 0.0, 0.0), (12.0, -7.0, 3.5), (-80.0, 40.0, 61.0)):
         summed = scene.water.surface_level + sum(
@@ -95,19 +95,19 @@ def test_nothing_is_worked_out_before_somebody_asks() -> None:
     world = uwserver.load("slope")
     scenery = Scenery(loaded("slope"), world)
     assert scenery.meshes.data == {}
-    scene = scenery.scene(SceneProbe(world).state().cast)
+    scene = scenery.scene(SceneProbe(world).state().entities)
     assert scene.seabed is not None
-    assert scenery.scene(SceneProbe(world).state().cast) is not None
+    assert scenery.scene(SceneProbe(world).state().entities) is not None
     assert {shape.kind for shape in scene.seabed.shapes} <= {"mesh", "plane"}
 
 
 def test_what_was_spawned_is_described_under_its_own_name() -> None:
     world = uwserver.load("pool_inspection")
     scenery, scene_probe = Scenery(loaded("pool_inspection"), world), SceneProbe(world)
-    first = scenery.scene(scene_probe.state().cast)
+    first = scenery.scene(scene_probe.state().entities)
     like = first.vehicles[0].name
     world.call("world/spawn", name="second", like=like, p_NB=[0.0, 0.0, 1.0])
-    again = scenery.scene(scene_probe.state().cast)
+    again = scenery.scene(scene_probe.state().entities)
     spawned = next(vehicle for vehicle in again.vehicles if vehicle.name == "second")
     assert again.revision == first.revision + 1
     assert spawned.like == like
@@ -128,7 +128,7 @@ def test_the_water_is_of_the_type_that_the_scenario_names() -> None:
     views = []
     for resolved in (clear, murky):
         world = build(resolved)
-        views.append(Scenery(resolved, world).scene(SceneProbe(world).state().cast).water)
+        views.append(Scenery(resolved, world).scene(SceneProbe(world).state().entities).water)
     assert [view.jerlov for view in views] == ["II", "7C"]
     assert views[1].attenuation == WATER_TYPES["7C"].attenuation > views[0].attenuation
     assert views[0].colour != views[1].colour
@@ -136,7 +136,7 @@ def test_the_water_is_of_the_type_that_the_scenario_names() -> None:
 
 def test_lamps_are_where_their_mounts_are() -> None:
     world = uwserver.load("bluerov2_pool")
-    scene = Scenery(loaded("bluerov2_pool"), world).scene(SceneProbe(world).state().cast)
+    scene = Scenery(loaded("bluerov2_pool"), world).scene(SceneProbe(world).state().entities)
     lamps = scene.vehicles[0].lamps
     assert [lamp.name for lamp in lamps] == ["left", "right"]
     assert lamps[0].p == (0.2, -0.13, 0.06)

@@ -112,7 +112,7 @@ def test_looks_are_described_under_their_hash_and_change_no_state(tmp_path: Path
     assert identity(resolved) == identity(load(bare, adapters=installed_adapters()))
     world = build(resolved)
     scenery = Scenery(resolved, world)
-    scene = scenery.scene(SceneProbe(world).state().cast)
+    scene = scenery.scene(SceneProbe(world).state().entities)
     name = hashlib.sha256(glb()).hexdigest()
     assert scenery.looks == {name: glb()}
     (post,), (rov,) = scene.structures, scene.vehicles

@@ -13,7 +13,7 @@ from uwserver_adapters.ros.messages import Catalogue, Facts, Types
 from uwserver_adapters.ros.messages.plain import built
 
 from uwserver.adapter import Conversation
-from uwserver.ports import Argument, Cast, Field, Port, Present, Refused, SceneState, Service
+from uwserver.ports import Argument, EntityList, Field, Port, Present, Refused, SceneState, Service
 from uwserver.testing.fake_context import FakeContext
 
 OK, UNSUPPORTED, NOT_FOUND, WRONG_STATE, FAILED = 1, 0, 2, 3, 4
@@ -38,10 +38,10 @@ class World:
 
     def __init__(self, distro="jazzy", truth=True, epoch_ns=0):
         east = (HALF, 0.0, 0.0, HALF)
-        cast = Cast(1, (Present("rov", "rov"),), (Present("crate", "crate"),))
+        entities = EntityList(1, (Present("rov", "rov"),), (Present("crate", "crate"),))
         poses = np.array([(1.0, 2.0, 3.0, *east), (0.0, 0.0, 9.0, 1.0, 0.0, 0.0, 0.0)])
         self.fake = FakeContext(services={service.path: service for service in SERVICES})
-        self.fake.scene_state = SceneState(cast, 2_500_000_000, poses, np.zeros(0, np.int8), (0.0, 0.0, 0.0))
+        self.fake.scene_state = SceneState(entities, 2_500_000_000, poses, np.zeros(0, np.int8), (0.0, 0.0, 0.0))
         self.fake.ports = {port.path: port for port in (PORTS["rov/truth/velocity"], PORTS["rov/imu"], *ACTUATORS)}
         self.status = {"paused": False, "t_ns": 5}
         self.fake.scripts["world/status"] = lambda _: self.status

@@ -22,7 +22,7 @@ from uwserver_adapters.ros.messages.ros_port import RosPort, mounts_of
 from uwserver_adapters.ros.messages.types import dds_name, full_name
 
 from uwserver.frames import matrix, multiply, quat_from_rpy, rotate
-from uwserver.ports import BodyView, Buffer, Cast, Field, SensorView
+from uwserver.ports import BodyView, Buffer, EntityList, Field, SensorView
 from uwserver.testing.fake_context import WORLD
 from uwserver.testing.fake_scene import bare_scene
 
@@ -554,7 +554,7 @@ def test_configured_errors_reach_the_covariance():
         message="Imu",
     )
     scene = structs.replace(
-        bare_scene(Cast(1, (), ()), WORLD), vehicles=(BodyView("rov", "x", "rov", (), sensors=(view,)),)
+        bare_scene(EntityList(1, (), ()), WORLD), vehicles=(BodyView("rov", "x", "rov", (), sensors=(view,)),)
     )
     facts = Facts(epoch_ns=EPOCH_NS, mounts=mounts_of(scene))
     (sensor_topic,) = (sensor_topic for sensor_topic in catalogue(facts=facts).sensor_topics if sensor_topic.name == "/rov/imu")
