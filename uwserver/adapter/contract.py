@@ -202,7 +202,7 @@ class AdapterContext(Protocol):
             Refused: `overload`; too many requests wait already.
         """
 
-    def look(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
+    def request_scene_state(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
         """Ask where all bodies are, and what their actuators achieve.
 
         This is ground truth. An adapter that passes it on to peers must say so in its table.

@@ -100,8 +100,8 @@ class Deck:
         """Read the last samples of ports, as `uwserver.simulation.readers.Readers.read`."""
         self._steering.add(partial(self._read, tuple(ports), on_samples), source)
 
-    def look(self, on_state: OnState, source: str = "") -> None:
-        """Read the poses of all bodies, as `uwserver.simulation.readers.Readers.look`."""
+    def request_scene_state(self, on_state: OnState, source: str = "") -> None:
+        """Read the poses of all bodies, as `uwserver.simulation.readers.Readers.request_scene_state`."""
         self._steering.add(lambda: self._bus.hand_over(partial(on_state, self.track.state or self._blank)), source)
 
     # -- the thread -----------------------------------------------------------------------------------------------------------------

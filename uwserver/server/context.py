@@ -206,9 +206,9 @@ class Context:
         visible = [path for path in ports if path in there and there[path].direction == "sensor"]
         self._hub.simulation.readers.read(visible, on_samples, f"{self.name}:{source}")
 
-    def look(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
-        """See `uwserver.adapter.AdapterContext.look`."""
-        self._hub.simulation.readers.look(on_state, f"{self.name}:{source}")
+    def request_scene_state(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
+        """See `uwserver.adapter.AdapterContext.request_scene_state`."""
+        self._hub.simulation.readers.request_scene_state(on_state, f"{self.name}:{source}")
 
     def scene(self, entities: EntityList) -> SceneView:
         """See `uwserver.adapter.AdapterContext.scene`."""

@@ -63,9 +63,9 @@ class Readers:
         Raises:
             Refused: `overload`; the client has too many requests waiting.
         """
-        self._steering.add(partial(self._look, ports, 0, [], on_samples, source), source)
+        self._steering.add(partial(self._read_part, ports, 0, [], on_samples, source), source)
 
-    def look(self, on_state: OnState, source: str = "") -> None:
+    def request_scene_state(self, on_state: OnState, source: str = "") -> None:
         """Ask for the state of the scene: where all bodies are. Loop thread.
 
         Args:
@@ -75,9 +75,9 @@ class Readers:
         Raises:
             Refused: `overload`; the client has too many requests waiting.
         """
-        self._steering.add(partial(self._look_at_bodies, on_state), source)
+        self._steering.add(partial(self._hand_over_scene_state, on_state), source)
 
-    def _look_at_bodies(self, on_state: OnState) -> None:
+    def _hand_over_scene_state(self, on_state: OnState) -> None:
         try:
             state = self._probe.state()
         except Exception:  # A fault in what only viewers need must not end the world.
@@ -88,7 +88,7 @@ class Readers:
         self._seen = state
         self._bus.hand_over(partial(on_state, state))
 
-    def _look(self, ports: Sequence[str], first: int, found: list[Sample], on_samples: OnSamples, source: str) -> None:
+    def _read_part(self, ports: Sequence[str], first: int, found: list[Sample], on_samples: OnSamples, source: str) -> None:
         for path in ports[first : first + AT_ONCE]:
             try:
                 reading = self._world.read(path)
@@ -98,6 +98,6 @@ class Readers:
                 found.append(reading.sample)
         rest = first + AT_ONCE
         if rest < len(ports):
-            self._steering.add(partial(self._look, ports, rest, found, on_samples, source), source, always=True)
+            self._steering.add(partial(self._read_part, ports, rest, found, on_samples, source), source, always=True)
         else:
             self._bus.hand_over(partial(on_samples, tuple(found)))

@@ -146,7 +146,7 @@ class FakeContext:
         described: patterns for which `describe` was called.
         tick: number of the tick, which grows with each `emit`.
         scene_state: where bodies are; the test may replace it.
-        looked: how often `look` was called.
+        scene_requests: how often `request_scene_state` was called.
         files: triangles and glTF files by hash.
     """
 
@@ -167,7 +167,7 @@ class FakeContext:
     described: list[str] = field(default_factory=list)
     tick: int = 0
     scene_state: SceneState = NOBODY
-    looked: int = 0
+    scene_requests: int = 0
     files: dict[str, bytes] = field(default_factory=dict)
     _seq: dict[str, int] = field(default_factory=dict)
 
@@ -205,9 +205,9 @@ class FakeContext:
         samples = [sample for path in ports if (sample := self.last(path)) is not None]
         asyncio.get_running_loop().call_soon(on_samples, samples)
 
-    def look(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
+    def request_scene_state(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
         """Deliver `scene_state` in the next turn of the loop."""
-        self.looked += 1
+        self.scene_requests += 1
         asyncio.get_running_loop().call_soon(lambda: on_state(self.scene_state))
 
     def scene(self, entities: EntityList) -> SceneView:

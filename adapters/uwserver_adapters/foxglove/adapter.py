@@ -232,7 +232,7 @@ class FoxgloveAdapter(AdapterBase[FoxgloveConfig]):
         self._timer = self._loop.call_later(1.0 / self.config.frames_hz, self._turn)
         if not self._is_asked:
             with contextlib.suppress(Refused):
-                self.context.look(self._show_state, self.context.name)
+                self.context.request_scene_state(self._show_state, self.context.name)
                 self._is_asked = True
 
     def _show_state(self, state: SceneState) -> None:

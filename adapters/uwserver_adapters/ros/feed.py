@@ -185,7 +185,7 @@ class Feed:
 
         mounts: Mapping[str, Mount] = {}
         try:
-            self._context.look(seen)
+            self._context.request_scene_state(seen)
             state = await within(SCENE_S, found, "no answer")
             mounts = mounts_of(self._context.scene(state.entities))
         except (Refused, TimeoutError) as error:

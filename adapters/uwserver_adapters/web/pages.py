@@ -110,7 +110,7 @@ class Pages:
         if self._is_requested or not any(page.wants_frames and page.is_clear for page in self.all):
             return  # a state is still on its way, or no page could take it
         try:
-            self._context.look(self._show, "pages")
+            self._context.request_scene_state(self._show, "pages")
         except Refused:
             return
         self._is_requested = True

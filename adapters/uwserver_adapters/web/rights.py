@@ -230,8 +230,8 @@ class Rights:
     def read(self, ports: Sequence[str], on_samples: Callable[[Sequence[Sample]], None], source: str = "") -> None:
         self._context.read(ports, on_samples, source)
 
-    def look(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
-        self._context.look(on_state, source)
+    def request_scene_state(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
+        self._context.request_scene_state(on_state, source)
 
     def scene(self, entities: EntityList) -> SceneView:
         return self._context.scene(entities)

@@ -154,7 +154,7 @@ class Site:
             self._later(self._described(state, request, on_answer))
 
         try:
-            self._context.look(show, "scene")
+            self._context.request_scene_state(show, "scene")
         except Refused as refused:
             on_answer(text("503 Service Unavailable", refused.fault.text, ("Retry-After", "1")))
 

@@ -75,7 +75,7 @@ def test_a_seek_tells_a_reset_and_then_the_last_of_each_port(run: tuple[Path, Di
     assert {s.port: s for s in deck.samples} == before
     assert len(deck.samples) == len(before)
     seen: list[SceneState] = []
-    deck.player.look(seen.append)
+    deck.player.request_scene_state(seen.append)
     deck.turn()
     assert 0.96e9 < seen[0].t_ns <= 1e9
     assert (seen[0].poses == run[1].poses[0, seen[0].t_ns]).all()

@@ -111,7 +111,7 @@ def test_the_scene_is_that_of_the_world(played: Played, world: World) -> None:
     states: list[SceneState] = []
     for _ in range(20):
         played.turn()
-    played.context.look(states.append)
+    played.context.request_scene_state(states.append)
     played.turn()
     shown = played.context.scene(states[0].entities)
     live = Scenery(pool(), world).scene(SceneProbe(world).state().entities)

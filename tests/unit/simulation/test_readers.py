@@ -239,10 +239,10 @@ def test_a_fault_in_what_viewers_see_ends_no_world(
     seen: queue.Queue[SceneState] = queue.Queue()
     monkeypatch.setattr(SceneProbe, "state", fails)
     for _ in range(3):
-        still.simulation.readers.look(seen.put, "viewer")
+        still.simulation.readers.request_scene_state(seen.put, "viewer")
         assert seen.get(timeout=PATIENCE_S).entities.vehicles == ()
     monkeypatch.undo()
-    still.simulation.readers.look(seen.put, "viewer")
+    still.simulation.readers.request_scene_state(seen.put, "viewer")
     assert seen.get(timeout=PATIENCE_S).entities.vehicles
     step(still)
     assert caplog.text.count("Traceback") == 1

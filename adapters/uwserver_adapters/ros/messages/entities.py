@@ -91,7 +91,7 @@ class Entities:
                 else:
                     came(())
 
-            _ask_within_limit(conversation, self._context.look, seen)
+            _ask_within_limit(conversation, self._context.request_scene_state, seen)
 
         return Errand(begin)
 
@@ -212,7 +212,7 @@ class Entities:
                 w, x, y, z = scene.poses[_names(scene).index(entity)].tolist()[3:]
                 move(conversation, answered, (w, x, y, z))
 
-            _ask_within_limit(conversation, self._context.look, seen)
+            _ask_within_limit(conversation, self._context.request_scene_state, seen)
 
         return Errand(begin)
 

@@ -16,7 +16,7 @@ from uwserver.testing.fake_context import FakeContext
 
 
 def mounted(made, likes=("rov",), answers=True):
-    """A world that knows where its sensors sit: of those that are like these; and answers a look, or does not."""
+    """A world that knows where its sensors sit: of those that are like these; and answers a request for the scene, or does not."""
 
     class World(FakeContext):
         def scene(self, entities):
@@ -27,9 +27,9 @@ def mounted(made, likes=("rov",), answers=True):
             scene = super().scene(entities)
             return structs.replace(scene, vehicles=(BodyView("rov", "x", "rov", (), sensors=(sensor,)),))
 
-        def look(self, on_state, source=""):
+        def request_scene_state(self, on_state, source=""):
             if answers:
-                super().look(on_state, source)
+                super().request_scene_state(on_state, source)
 
     return World(ports=made.ports, services=made.services)
 
@@ -50,7 +50,7 @@ def heard_of(world, *topics):
 
 
 def test_mounts_are_known_before_the_first_tick():
-    """Adapters start before the world runs: a look would not be answered, and hold up the start."""
+    """Adapters start before the world runs: a request would not be answered, and hold up the start."""
 
     async def story():
         world = mounted(context(), answers=False)

@@ -317,13 +317,13 @@ def test_nothing_is_kept_of_what_a_subscriber_says(monkeypatch: pytest.MonkeyPat
 
 
 class Unstarted(FakeContext):
-    """A world before its first tick: it knows where its sensors sit, but answers no look."""
+    """A world before its first tick: it knows where its sensors sit, but answers no request for the scene."""
 
     def scene(self, entities: EntityList) -> SceneView:
         sensor = SensorView("rov/imu", "imu", (0.1, 0.2, 0.3), (1.0, 0.0, 0.0, 0.0), message="Imu")
         return structs.replace(super().scene(entities), vehicles=(BodyView("rov", "x", "rov", (), sensors=(sensor,)),))
 
-    def look(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
+    def request_scene_state(self, on_state: Callable[[SceneState], None], source: str = "") -> None:
         pass
 
 

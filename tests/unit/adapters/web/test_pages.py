@@ -71,13 +71,13 @@ def test_nothing_is_looked_at_while_no_page_draws() -> None:
         async with stage.page() as page:
             assert (await ask(page, "ping"))["result"] == {}
             await asyncio.sleep(0.2)
-            assert stage.context.looked == 0
+            assert stage.context.scene_requests == 0
             await ask(page, "view", frames=True)
             await frame_of(page)
             await ask(page, "view", frames=False)
-            looked = stage.context.looked
+            asked = stage.context.scene_requests
             await asyncio.sleep(0.3)
-            assert stage.context.looked <= looked + 1
+            assert stage.context.scene_requests <= asked + 1
         assert stage.context.wanted == frozenset()
 
     play(scene)
@@ -88,12 +88,12 @@ def test_a_state_is_looked_up_once_for_all_pages() -> None:
         pages = [await stage.page() for _ in range(5)]
         for page in pages:
             await ask(page, "view", frames=True)
-        before = stage.context.looked
+        before = stage.context.scene_requests
         for n in range(6):
             stage.context.scene_state = state_of(n + 1)
             frames = [await frame_of(page) for page in pages]
             assert len({id(frame) for frame in frames}) == 5
-        assert stage.context.looked - before < 5 * 6
+        assert stage.context.scene_requests - before < 5 * 6
         for page in pages:
             await page.close()
 
@@ -105,9 +105,9 @@ def test_while_nothing_changes_a_state_comes_twice_a_second() -> None:
         async with stage.page() as page:
             await ask(page, "view", frames=True)
             await frame_of(page)
-            looked = stage.context.looked
+            asked = stage.context.scene_requests
             await frame_of(page)
-            assert stage.context.looked - looked >= 5, "it looks on, but says the same only now and then"
+            assert stage.context.scene_requests - asked >= 5, "it goes on to ask, but says the same only now and then"
 
     play(scene, frames_hz=60.0)
 

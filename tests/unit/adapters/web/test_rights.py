@@ -189,7 +189,7 @@ def test_without_the_token_nothing_is_told() -> None:
             assert code_of(await ask(page, "hello", version=1, token="wrong")) == "denied"
             with pytest.raises(ConnectionClosed):
                 await page.recv()
-        assert stage.context.looked == 0
+        assert stage.context.scene_requests == 0
 
     play(scene, token="sesame")
 

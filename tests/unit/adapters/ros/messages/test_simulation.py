@@ -152,7 +152,7 @@ async def test_ground_truth_is_told_where_it_may_be(world):
     lost = await world.ask("get_entity_state", entity="rov")
     assert (code(lost), "truth = true" in lost.result.error_message) == (UNSUPPORTED, True)
     assert code(await world.ask("get_entities_states")) == UNSUPPORTED
-    assert world.fake.looked == 0
+    assert world.fake.scene_requests == 0
     assert 10 not in (await world.ask("get_simulator_features")).features.features
     assert (await world.ask("get_entities")).entities == ["crate", "rov"]
 
