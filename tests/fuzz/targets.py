@@ -59,7 +59,7 @@ from uwserver_adapters.zenoh_bus.requests import Put, Question, Requests
 from uwserver.adapter import AdapterStats, Refusals
 from uwserver.physics.geometry.shapes import BadSolid
 from uwserver.ports import Buffer, Field, Port, Refused
-from uwserver.scenario.solids.looks import check_glb
+from uwserver.scenario.solids.model_files import check_glb
 from uwserver.sensors.optical.camera.gltf import BadLooks, read_glb
 from uwserver.server.http import Service
 from uwserver.testing import FakeContext, Loopback
@@ -1045,8 +1045,8 @@ class CameraCommands(Target):
                 assert self._mav.decode(bytearray(frame)).get_srcComponent() == 100, data
 
 
-class LooksFiles(Target):
-    """Files of looks: what is checked is read or refused, whatever it says of where its numbers lie, and what is read can be drawn."""
+class ModelFiles(Target):
+    """Model files: what is checked is read or refused, whatever it says of where its numbers lie, and what is read can be drawn."""
 
     def __init__(self, dice: Dice) -> None:
         super().__init__(dice)
@@ -1122,7 +1122,7 @@ TARGETS: Mapping[str, Callable[[Dice], Target]] = {
     "device_messages": DeviceMessages,
     "rtsp": Rtsp,
     "camera": CameraCommands,
-    "looks": LooksFiles,
+    "model_files": ModelFiles,
     "ardupilot": ArdupilotFrames,
     "px4": Px4,
     "zenoh": Zenoh,

@@ -225,7 +225,7 @@ class AdapterContext(Protocol):
         little endian.
         """
 
-    def looks(self, sha256: str) -> bytes | None:
+    def model_file(self, sha256: str) -> bytes | None:
         """Return the glTF file that a scene names by hash, or None if no scene has named it."""
 
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:

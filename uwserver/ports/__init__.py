@@ -13,8 +13,8 @@ from uwserver.ports.scene import (
     EntityList,
     FanView,
     LampView,
-    LooksView,
     MeshView,
+    ModelFileView,
     OriginView,
     Present,
     SceneState,
@@ -53,7 +53,7 @@ from uwserver.ports.values import (
 
 __all__ = [
     "ACHIEVED_FULL", "NOWHERE_M", "ActuatorView", "Argument", "BeaconView", "BeamView", "BodyView", "Buffer", "Call", "Command",
-    "EntityList", "ErrorCode", "Event", "FanView", "Fault", "Field", "Item", "Items", "Json", "LampView", "Layout", "LooksView", "MeshView",
+    "EntityList", "ErrorCode", "Event", "FanView", "Fault", "Field", "Item", "Items", "Json", "LampView", "Layout", "MeshView", "ModelFileView",
     "OnReply", "OriginView", "Port", "Present", "Progress", "Propulsor", "Refused", "Reply", "Sample", "Scalar", "SceneState", "SceneView",
     "SensorView", "Service", "ShapeView", "SolidView", "Value", "WaterView", "WaveView", "binary_form", "is_stop", "matches", "matching",
 ]  # fmt: skip

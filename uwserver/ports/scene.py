@@ -60,7 +60,7 @@ class MeshView(Struct, frozen=True):
     coarse: str | None = None
 
 
-class LooksView(Struct, frozen=True):
+class ModelFileView(Struct, frozen=True):
     """A glTF file (.glb) that viewers show instead of the shapes.
 
     Attributes:
@@ -84,7 +84,7 @@ class SolidView(Struct, frozen=True):
 
     name: str
     shapes: tuple[ShapeView, ...]
-    looks: LooksView | None = None
+    looks: ModelFileView | None = None
 
 
 class ActuatorView(Struct, frozen=True):
@@ -214,7 +214,7 @@ class BodyView(Struct, frozen=True):
     like: str
     shapes: tuple[ShapeView, ...]
     mass: float = 0.0
-    looks: LooksView | None = None
+    looks: ModelFileView | None = None
     actuators: tuple[ActuatorView, ...] = ()
     sensors: tuple[SensorView, ...] = ()
     lamps: tuple[LampView, ...] = ()

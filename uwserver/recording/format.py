@@ -27,7 +27,7 @@ from msgspec import Struct
 from uwserver import __version__
 from uwserver.physics import PHYSICS
 from uwserver.ports import Call, Command, Items
-from uwserver.recording.kept_looks import pack_looks, unpack_looks
+from uwserver.recording.kept_model_files import pack_model_files, unpack_model_files
 from uwserver.scenario.files.convert import NO_MORE, More, convert
 from uwserver.scenario.files.errors import KeyPath, dotted
 from uwserver.scenario.load.export import engine_named, tables
@@ -142,7 +142,7 @@ def metadata(resolved: Resolved, seed: int, timing: Timing) -> dict[str, str]:
         "scenario": msgspec.json.encode(whole, enc_hook=str).decode(),
         "solids": pack(resolved.solids),
         "tracks": tracks.pack(resolved.tracks),
-        **pack_looks(resolved),
+        **pack_model_files(resolved),
     }
 
 
@@ -186,7 +186,7 @@ def head_with(record: Mapping[str, str], whole: dict[str, Any], more: More = NO_
     try:
         scenario = _typed(whole["scenario"], Scenario, more)
         solids = unpack(record["solids"])
-        looks = unpack_looks(record)
+        looks = unpack_model_files(record)
         followed = tracks.unpack(record["tracks"]) if "tracks" in record else {}  # older recordings have no tracks
         vehicles = {
             name: ResolvedVehicle(

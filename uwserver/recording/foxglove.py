@@ -30,7 +30,7 @@ class FoxgloveChannels:
     def __init__(self, world: World, resolved: Resolved) -> None:
         self._water: WaterView | None = None
         self._scenery = Scenery(resolved, world, self._newest_water)
-        self._channels = SceneChannels(self._scenery.meshes.data.__getitem__, self._scenery.looks.__getitem__)
+        self._channels = SceneChannels(self._scenery.meshes.data.__getitem__, self._scenery.model_files.__getitem__)
         self._ended = False
 
     def of(self, item: Presence | SceneState | Event) -> Iterator[Foreign]:

@@ -218,9 +218,9 @@ class Context:
         """See `uwserver.adapter.AdapterContext.mesh`."""
         return self._hub.scenery.meshes.data.get(sha256)
 
-    def looks(self, sha256: str) -> bytes | None:
-        """See `uwserver.adapter.AdapterContext.looks`."""
-        return self._hub.scenery.looks.get(sha256)
+    def model_file(self, sha256: str) -> bytes | None:
+        """See `uwserver.adapter.AdapterContext.model_file`."""
+        return self._hub.scenery.model_files.get(sha256)
 
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:
         """Begin to deliver samples and events to a subscriber. The returned function ends it."""

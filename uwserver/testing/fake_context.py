@@ -218,7 +218,7 @@ class FakeContext:
         """Return a file of the test."""
         return self.files.get(sha256)
 
-    looks = mesh
+    model_file = mesh
 
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:
         """Begin to deliver samples and events; the returned function ends that."""

@@ -70,7 +70,7 @@ class FoxgloveAdapter(AdapterBase[FoxgloveConfig]):
         self.catalogue = Catalogue(context, config.shows_poses)
         self.playback = Playback(context)
         self.clients: dict[Client, ServerConnection] = {}
-        self._channels = SceneChannels(_found(context.mesh), _found(context.looks))
+        self._channels = SceneChannels(_found(context.mesh), _found(context.model_file))
         self._pictures: InOrder[Foreign | None] = InOrder("foxglove pictures", context.stats)
         self.scene: tuple[int, bytes] | None = None
         self._revision: int | None = None

@@ -239,8 +239,8 @@ class Rights:
     def mesh(self, sha256: str) -> bytes | None:
         return self._context.mesh(sha256)
 
-    def looks(self, sha256: str) -> bytes | None:
-        return self._context.looks(sha256)
+    def model_file(self, sha256: str) -> bytes | None:
+        return self._context.model_file(sha256)
 
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:
         return self._context.attach(subscriber)

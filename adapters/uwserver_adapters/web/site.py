@@ -112,7 +112,7 @@ class Site:
             return text("426 Upgrade Required", "this is a WebSocket", ("Upgrade", "websocket"))
         named = _BY_HASH.fullmatch(path)
         if named is not None:
-            data = self._context.mesh(named[2]) if named[1] == "mesh" else self._context.looks(named[2])
+            data = self._context.mesh(named[2]) if named[1] == "mesh" else self._context.model_file(named[2])
             if data is not None and (named[1] == "mesh") == (named[3] == "bin"):
                 kind = "application/octet-stream" if named[1] == "mesh" else "model/gltf-binary"
                 return Answer("200 OK", data, kind, (_FOR_EVER,))

@@ -66,11 +66,11 @@ class SceneChannels:
 
     Args:
         meshes: triangles by hash, as `uwserver.ports.MeshView` names them.
-        looks: glTF files by hash.
+        model_files: glTF files by hash.
     """
 
-    def __init__(self, meshes: Files, looks: Files) -> None:
-        self._meshes, self._looks = meshes, looks
+    def __init__(self, meshes: Files, model_files: Files) -> None:
+        self._meshes, self._model_files = meshes, model_files
         self._fixed = b""
         self._sensors: dict[str, SensorView] = {}
         self._encoders: dict[str, tuple[Port, _Encode | None]] = {}
@@ -90,7 +90,7 @@ class SceneChannels:
             (body.name, body) for body in (*scene.vehicles, *scene.objects)
         ]
         entities = (
-            entity_of(t_ns, frame, thing.name, thing.shapes, thing.looks, self._meshes, self._looks)
+            entity_of(t_ns, frame, thing.name, thing.shapes, thing.looks, self._meshes, self._model_files)
             for frame, thing in framed
         )
         return Foreign("/scene", "foxglove.SceneUpdate", t_ns, b"".join((codec.delete_all(t_ns), *entities)))

@@ -9,7 +9,7 @@ import numpy as np
 
 from uwserver.adapter.foxglove.codec import cube, cylinder, entity, model, sphere, triangles
 from uwserver.frames import Quat, Vec3, multiply, rotate
-from uwserver.ports import LooksView, ShapeView
+from uwserver.ports import ModelFileView, ShapeView
 
 Files = Callable[[str], bytes]
 """Returns the bytes for a hash; KeyError if the hash is not known."""
@@ -29,13 +29,13 @@ _CUBE, _SPHERE, _CYLINDER, _TRIANGLES, _MODEL = 8, 9, 10, 12, 14
 
 
 def entity_of(
-    t_ns: int, frame: str, name: str, shapes: Iterable[ShapeView], looks: LooksView | None, meshes: Files, files: Files
+    t_ns: int, frame: str, name: str, shapes: Iterable[ShapeView], model_file: ModelFileView | None, meshes: Files, files: Files
 ) -> bytes:
     """Encode a thing in its frame: its model if it has one, or else its shapes."""
     found: dict[int, list[bytes]] = {}
-    if looks is not None:
-        q = multiply(looks.q, _Y_UP if looks.up == "y" else _Z_UP)
-        found[_MODEL] = [model(looks.p, q, looks.scale, files(looks.sha256))]
+    if model_file is not None:
+        q = multiply(model_file.q, _Y_UP if model_file.up == "y" else _Z_UP)
+        found[_MODEL] = [model(model_file.p, q, model_file.scale, files(model_file.sha256))]
     else:
         for shape in shapes:
             for number, part in _primitives(shape, meshes):

@@ -28,8 +28,8 @@ from uwserver.scenario.files.convert import Node, Report, check_name, is_one_of
 from uwserver.scenario.files.documents import Document
 from uwserver.scenario.files.errors import KeyPath
 from uwserver.scenario.load.resolved import ResolvedObject
-from uwserver.scenario.solids.looks import read_looks
 from uwserver.scenario.solids.memory import check_memory
+from uwserver.scenario.solids.model_files import read_model_file
 from uwserver.scenario.solids.objects import object_params
 from uwserver.scenario.solids.shapes import (
     Materials,
@@ -79,7 +79,7 @@ class SolidFiles:
             elif table is not None and self._engines(path, report):
                 made = partial(structure_solid, name, table, self._folder, self.materials, partial(warn, path))
                 self._add_static(path, name, made)
-                self._read_looks(path, table.looks, self._folder, report)
+                self._read_model_file(path, table.looks, self._folder, report)
         self._check_memory()
         for name, node in scenario.at("objects").parts.items():
             self._read_object(name, node.value, scenario.at("environment").value)
@@ -87,7 +87,7 @@ class SolidFiles:
     def read_vehicle(self, name: str, merged: MergedFile, tree: Node, report: Report, warn: Report) -> None:
         """Read the collision shapes and looks of a vehicle; `tree` is its converted file."""
         if tree.value is not None:
-            self._read_looks(("vehicles", name), tree.value.looks, merged.folder_of(("looks",)), report, ("looks",))
+            self._read_model_file(("vehicles", name), tree.value.looks, merged.folder_of(("looks",)), report, ("looks",))
         tables: dict[str, Collision] = tree.values("collision")
         folders = {key: merged.folder_of(("collision", key, "file")) for key in tables}
         contact: Contact | None = tree.at("contact").value
@@ -145,18 +145,18 @@ class SolidFiles:
         if not is_one_of(table, ("mass_kg", "density_kgpm3"), path, self._report):
             return
         solid = object_solid(name, table, self.materials)
-        self._read_looks(path, table.looks, self._folder, self._report)
+        self._read_model_file(path, table.looks, self._folder, self._report)
         looks = self.looks.get(("objects", name), b"")
         self.objects[name] = ResolvedObject(name, table, object_params(table, environment), solid, looks)
 
-    def _read_looks(
+    def _read_model_file(
         self, owner: KeyPath, looks: str | UnsetType, folder: Path, report: Report, place: KeyPath | None = None
     ) -> None:
         """Read the file that viewers show of a vehicle, a structure or an object."""
         if isinstance(looks, UnsetType):
             return
         try:
-            self.looks[str(owner[0]), str(owner[1])] = read_looks(folder / looks)
+            self.looks[str(owner[0]), str(owner[1])] = read_model_file(folder / looks)
         except BadSolid as error:
             report(place or (*owner, "looks"), str(error))
 

@@ -28,7 +28,7 @@ from uwserver.physics.kernel.layout import (
 from uwserver.ports import (
     BodyView,
     EntityList,
-    LooksView,
+    ModelFileView,
     OriginView,
     Present,
     SceneView,
@@ -69,7 +69,7 @@ class Scenery:
 
     Attributes:
         meshes: triangles of the things that were described.
-        looks: glTF files, by hash.
+        model_files: glTF files, by hash.
     """
 
     def __init__(self, resolved: Resolved, world: World | Shown, water: Callable[[], WaterView] | None = None) -> None:
@@ -86,7 +86,7 @@ class Scenery:
             water = partial(water_view, resolved, world)
         self._resolved, self._world, self._water = resolved, world, water
         self.meshes = Meshes()
-        self.looks: dict[str, bytes] = {}
+        self.model_files: dict[str, bytes] = {}
         self._newest: SceneView | None = None
         self._params: dict[int, BodyParams] = {}
         self._solids: tuple[SolidView | None, tuple[SolidView, ...]] | None = None
@@ -127,7 +127,7 @@ class Scenery:
                 colour = SEABED if is_seabed else STRUCTURE
                 shapes = shape_views(solid, resolved.materials, colour, self.meshes)
                 placed = solid.shapes[0] if solid.shapes else Placed(HalfSpace())
-                looks = self._looks(resolved.looks.get(name, b""))
+                looks = self._model_file(resolved.looks.get(name, b""))
                 view = SolidView(name, shapes, looks and structs.replace(looks, p=placed.p, q=placed.q))
                 if is_seabed:
                     seabed = view
@@ -157,7 +157,7 @@ class Scenery:
             like=body.like,
             shapes=shapes,
             mass=file.rigid_body.mass_kg,
-            looks=self._looks(resolved.looks),
+            looks=self._model_file(resolved.looks),
             actuators=actuator_views(body.name, resolved, params),
             sensors=sensor_views(body.name, file),
             lamps=lamp_views(file),
@@ -178,15 +178,15 @@ class Scenery:
     def _object(self, body: Present) -> BodyView:
         resolved = self._resolved.objects[body.like]
         shapes = shape_views(resolved.solid, self._resolved.materials, OBJECT, self.meshes)
-        return BodyView(body.name, "object", body.like, shapes, looks=self._looks(resolved.looks))
+        return BodyView(body.name, "object", body.like, shapes, looks=self._model_file(resolved.looks))
 
-    def _looks(self, data: bytes) -> LooksView | None:
+    def _model_file(self, data: bytes) -> ModelFileView | None:
         """Keep a glTF file under its hash, and return the view of it."""
         if not data:
             return None
         name = hashlib.sha256(data).hexdigest()
-        self.looks[name] = data
-        return LooksView(name, len(data))
+        self.model_files[name] = data
+        return ModelFileView(name, len(data))
 
     def _origin(self) -> OriginView | None:
         table = self._resolved.scenario.world

@@ -12,7 +12,7 @@ import pytest
 from uwserver.adapter.foxglove import SCHEMAS, codec
 from uwserver.adapter.foxglove.shapes import entity_of
 from uwserver.frames import rotate
-from uwserver.ports import LooksView, ShapeView
+from uwserver.ports import ModelFileView, ShapeView
 
 P, Q, RGB = (1.5, -2.0, 0.25), (0.5, -0.5, 0.5, 0.5), (0.0, 1.0, 1.0)
 T_NS = 12_000_000_345
@@ -122,7 +122,7 @@ TRIANGLE = (
 TRIANGLE = np.array([3, 1], "<u4").tobytes() + TRIANGLE[8:]
 
 
-def scene(shapes: tuple[ShapeView, ...], looks: LooksView | None = None) -> Any:
+def scene(shapes: tuple[ShapeView, ...], looks: ModelFileView | None = None) -> Any:
     data = codec.delete_all(T_NS) + entity_of(
         T_NS, "rov", "rov", shapes, looks, {"tri": TRIANGLE}.__getitem__, {"g": b"glTF"}.__getitem__
     )
@@ -151,7 +151,7 @@ def test_shapes() -> None:
 
 @pytest.mark.parametrize(("up", "file_up", "file_right"), [("y", (0, 1, 0), (0, 0, 1)), ("z", (0, 0, 1), (0, -1, 0))])
 def test_models_lie_as_in_the_web_view(up: Any, file_up: tuple[int, ...], file_right: tuple[int, ...]) -> None:
-    model = scene((), LooksView("g", 4, up=up)).entities[0].models[0]
+    model = scene((), ModelFileView("g", 4, up=up)).entities[0].models[0]
     assert (model.data, model.media_type) == (b"glTF", "model/gltf-binary")
     q = model.pose.orientation
 

@@ -18,7 +18,7 @@ from uwserver.scenario.load.export import identity
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.scene.scenery import Scenery
 from uwserver.scenario.solids import looks
-from uwserver.scenario.solids.looks import check_glb, read_looks
+from uwserver.scenario.solids.model_files import check_glb, read_model_file
 from uwserver.world.scene_probe import SceneProbe
 
 TRIANGLE = struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)
@@ -42,7 +42,7 @@ def glb(told: object = PLAIN, binary: bytes = TRIANGLE) -> bytes:
 def test_a_plain_one_is_taken(tmp_path: Path) -> None:
     path = tmp_path / "x.glb"
     path.write_bytes(glb())
-    assert read_looks(path) == glb()
+    assert read_model_file(path) == glb()
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_files_of_other_kinds_and_sizes_are_refused(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(looks, "MOST_BYTES", 100)
     for name, said in (("x.glb", "at most 100"), ("x.gltf", "not a .glb"), ("y.glb", "cannot read")):
         with pytest.raises(BadSolid, match=said):
-            read_looks(tmp_path / name)
+            read_model_file(tmp_path / name)
 
 
 SCENARIO = """
@@ -114,7 +114,7 @@ def test_looks_are_described_under_their_hash_and_change_no_state(tmp_path: Path
     scenery = Scenery(resolved, world)
     scene = scenery.scene(SceneProbe(world).state().entities)
     name = hashlib.sha256(glb()).hexdigest()
-    assert scenery.looks == {name: glb()}
+    assert scenery.model_files == {name: glb()}
     (post,), (rov,) = scene.structures, scene.vehicles
     assert post.looks is not None
     assert (post.looks.sha256, post.looks.p) == (name, (5.0, 0.0, 8.0))

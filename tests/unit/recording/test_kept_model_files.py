@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 import zstandard
 
-from uwserver.recording import kept_looks
+from uwserver.recording import kept_model_files
 from uwserver.recording.format import head_of, metadata
-from uwserver.recording.kept_looks import LOOKS, pack_looks, unpack_looks
+from uwserver.recording.kept_model_files import MODEL_FILES, pack_model_files, unpack_model_files
 from uwserver.recording.player_track import Track
 from uwserver.recording.recorder import Recorder
 from uwserver.scenario.build.world import build
@@ -78,7 +78,7 @@ def test_who_plays_a_recording_sees_the_looks_without_the_files(dressed: Resolve
     played = track.head.resolved
     scenery = Scenery(played, build(played))
     scene = scenery.scene(track.scenes[0].entities)
-    assert sorted(scenery.looks.values()) == [glb("a"), glb("b")]
+    assert sorted(scenery.model_files.values()) == [glb("a"), glb("b")]
     (post,), (rov,), (crate,) = scene.structures, scene.vehicles, scene.objects
     assert post.looks is not None
     assert rov.looks is not None
@@ -94,7 +94,7 @@ def test_a_scenario_without_looks_has_a_head_without_them(dressed: Resolved) -> 
         objects={name: replace(each, looks=b"") for name, each in dressed.objects.items()},
     )
     record = metadata(bare, 1, Timing())
-    assert LOOKS not in record
+    assert MODEL_FILES not in record
     assert head_of(record).resolved.looks == {}
 
 
@@ -103,15 +103,15 @@ def test_all_together_are_bounded_and_the_largest_is_left_out(
 ) -> None:
     large = glb("b" * 400)
     crate = replace(dressed.objects["crate"], looks=large)
-    monkeypatch.setattr(kept_looks, "MOST_BYTES", len(glb("a")) + len(large) - 1)
+    monkeypatch.setattr(kept_model_files, "MOST_BYTES", len(glb("a")) + len(large) - 1)
     with caplog.at_level(logging.WARNING):
-        kept = unpack_looks(pack_looks(replace(dressed, objects={"crate": crate})))
+        kept = unpack_model_files(pack_model_files(replace(dressed, objects={"crate": crate})))
     assert kept == {"vehicles/rov": glb("a"), "static/post": glb("a")}
     assert "the looks of objects/crate are left out" in caplog.text
 
 
 def packed(content: Any) -> dict[str, str]:
-    return {LOOKS: base64.b64encode(zstandard.compress(msgspec.msgpack.encode(content))).decode()}
+    return {MODEL_FILES: base64.b64encode(zstandard.compress(msgspec.msgpack.encode(content))).decode()}
 
 
 def test_what_is_no_looks_is_left_out() -> None:
@@ -119,32 +119,32 @@ def test_what_is_no_looks_is_left_out() -> None:
         "files": {"x": b"no glb", "y": glb("y")},
         "owners": {"vehicles/a": "x", "vehicles/b": "y", "vehicles/c": "z"},
     }
-    assert unpack_looks(packed(told)) == {"vehicles/b": glb("y")}
+    assert unpack_model_files(packed(told)) == {"vehicles/b": glb("y")}
 
 
 @pytest.mark.parametrize(
     "record",
     [
-        {LOOKS: "~~~~"},
-        {LOOKS: "abcde"},
-        {LOOKS: "YWJj"},
+        {MODEL_FILES: "~~~~"},
+        {MODEL_FILES: "abcde"},
+        {MODEL_FILES: "YWJj"},
         packed([1]),
         packed({"files": {"x": b"\0" * (65 << 20)}, "owners": {}}),
     ],
 )
 def test_a_record_that_is_none_is_told(record: dict[str, str]) -> None:
     with pytest.raises(ValueError, match="looks"):
-        unpack_looks(record)
+        unpack_model_files(record)
 
 
 def test_large_looks_cost_little_to_pack_and_to_read(monkeypatch: pytest.MonkeyPatch, dressed: Resolved) -> None:
     """As text that the interpreter itself need not make: some copies of them, not fifty times their size."""
-    monkeypatch.setattr(kept_looks, "check_glb", lambda data: None)
+    monkeypatch.setattr(kept_model_files, "check_glb", lambda data: None)
     large = np.random.default_rng(1).bytes(2 << 20)
     tracemalloc.start()
     try:
-        record = pack_looks(replace(dressed, looks={"post": large}, vehicles={}, objects={}))
-        assert unpack_looks(record) == {"static/post": large}
+        record = pack_model_files(replace(dressed, looks={"post": large}, vehicles={}, objects={}))
+        assert unpack_model_files(record) == {"static/post": large}
         assert tracemalloc.get_traced_memory()[1] < 10 * len(large)
     finally:
         tracemalloc.stop()

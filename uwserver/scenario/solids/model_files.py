@@ -1,4 +1,4 @@
-"""Looks: glTF files that viewers show instead of shapes. They are checked before they are served, and never decoded here."""
+"""Model files: glTF files that viewers show instead of shapes. They are checked before they are served, and never decoded here."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ EXTENSIONS = frozenset((
 _HEAD, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
 
 
-def read_looks(path: Path) -> bytes:
+def read_model_file(path: Path) -> bytes:
     """Return the bytes of a checked file.
 
     Raises:

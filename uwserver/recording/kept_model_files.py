@@ -1,4 +1,4 @@
-"""Stores looks (glTF files) in the head of a recording, so that playback shows them without the files. Their size is limited, and they are checked
+"""Stores model files (glTF) in the head of a recording, so that playback shows them without the files. Their size is limited, and they are checked
 again when they are read."""
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import zstandard
 
 from uwserver.physics.geometry.shapes import BadSolid
 from uwserver.scenario.load.resolved import Resolved
-from uwserver.scenario.solids.looks import check_glb
+from uwserver.scenario.solids.model_files import check_glb
 
 log = logging.getLogger(__name__)
 
-LOOKS = "looks_base64"
+MODEL_FILES = "looks_base64"
 """Key in the metadata record. Earlier recordings have the key `looks` in base 85, which takes seconds and 50 times the memory to decode; they are
 played without looks."""
 MOST_BYTES = 32 << 20
@@ -31,8 +31,8 @@ class _Kept(msgspec.Struct):
     owners: dict[str, str]
 
 
-def pack_looks(resolved: Resolved) -> dict[str, str]:
-    """Return the entry for the metadata record; empty when there are no looks."""
+def pack_model_files(resolved: Resolved) -> dict[str, str]:
+    """Return the entry for the metadata record; empty when there are no files."""
     worn = {f"vehicles/{name}": vehicle.looks for name, vehicle in resolved.vehicles.items()}
     worn |= {f"objects/{name}": body.looks for name, body in resolved.objects.items()}
     worn |= {f"static/{name}": data for name, data in resolved.looks.items()}
@@ -52,19 +52,19 @@ def pack_looks(resolved: Resolved) -> dict[str, str]:
     if not kept:
         return {}
     packed = msgspec.msgpack.encode(_Kept(kept, {owner: sha for owner, sha in owners.items() if sha in kept}))
-    return {LOOKS: base64.b64encode(zstandard.ZstdCompressor().compress(packed)).decode()}
+    return {MODEL_FILES: base64.b64encode(zstandard.ZstdCompressor().compress(packed)).decode()}
 
 
-def unpack_looks(record: Mapping[str, str]) -> Mapping[str, bytes]:
-    """Return the files by their owners, as `pack_looks` names them, without those that fail the check.
+def unpack_model_files(record: Mapping[str, str]) -> Mapping[str, bytes]:
+    """Return the files by their owners, as `pack_model_files` names them, without those that fail the check.
 
     Raises:
-        ValueError: the record was not made by `pack_looks`.
+        ValueError: the record was not made by `pack_model_files`.
     """
-    if LOOKS not in record:
+    if MODEL_FILES not in record:
         return {}
     try:
-        packed = base64.b64decode(record[LOOKS], validate=True)
+        packed = base64.b64decode(record[MODEL_FILES], validate=True)
         most = 2 * MOST_BYTES
         if zstandard.frame_content_size(packed) > most:
             raise ValueError(f"looks of more than {most} bytes")
