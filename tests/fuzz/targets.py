@@ -60,7 +60,7 @@ from uwserver.adapter import AdapterStats, Refusals
 from uwserver.physics.geometry.shapes import BadSolid
 from uwserver.ports import Buffer, Field, Port, Refused
 from uwserver.scenario.solids.model_files import check_glb
-from uwserver.sensors.optical.camera.gltf import BadLooks, read_glb
+from uwserver.sensors.optical.camera.gltf import BadGltf, read_glb
 from uwserver.server.http import Service
 from uwserver.testing import FakeContext, Loopback
 from uwserver.testing.codecs import read_all
@@ -1092,7 +1092,7 @@ class ModelFiles(Target):
         data = struct.pack("<4sII", b"glTF", 2, 12 + len(parts)) + parts
         with contextlib.suppress(BadSolid):
             check_glb(data)
-            with contextlib.suppress(BadLooks):
+            with contextlib.suppress(BadGltf):
                 faces = read_glb(data).faces
                 for name in ("corners", "normals", "uv", "colour"):
                     assert math.isfinite(float(abs(faces[name]).max(initial=0.0))), data

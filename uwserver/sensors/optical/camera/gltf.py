@@ -1,4 +1,4 @@
-"""Looks: triangles, colours and textures of a .glb file (glTF 2.0), which was checked when the scenario was loaded."""
+"""Model files: triangles, colours and textures of a .glb file (glTF 2.0), which was checked when the scenario was loaded."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ _WIDEST_STEP = 252
 MOST_TRIANGLES = 2_000_000
 
 
-class BadLooks(ValueError):
+class BadGltf(ValueError):
     """A glTF file that cannot be drawn. The text says why."""
 
 
-class Looks(NamedTuple):
+class GltfModel(NamedTuple):
     """The contents of a glTF file.
 
     Attributes:
@@ -48,11 +48,11 @@ class Looks(NamedTuple):
     faults: tuple[str, ...]
 
 
-def read_glb(data: bytes, room: Room | None = None) -> Looks:
-    """Return the looks of a file. Its pictures take bytes of `room`, which all things of a world share; default: all bytes.
+def read_glb(data: bytes, room: Room | None = None) -> GltfModel:
+    """Return the contents of a file. Its pictures take bytes of `room`, which all things of a world share; default: all bytes.
 
     Raises:
-        BadLooks: the file has no triangles, or its parts do not fit together.
+        BadGltf: the file has no triangles, or its parts do not fit together.
     """
     try:
         reader = _Reader(data, Room() if room is None else room)
@@ -68,10 +68,10 @@ def read_glb(data: bytes, room: Room | None = None) -> Looks:
         OverflowError,
         RecursionError,
     ) as error:
-        raise BadLooks(f"looks that do not fit together: {type(error).__name__}: {error}") from error
+        raise BadGltf(f"looks that do not fit together: {type(error).__name__}: {error}") from error
     if not parts:
-        raise BadLooks("looks without triangles")
-    return Looks(np.concatenate(parts), reader.pictures, tuple(reader.faults))
+        raise BadGltf("looks without triangles")
+    return GltfModel(np.concatenate(parts), reader.pictures, tuple(reader.faults))
 
 
 class _Reader:

@@ -11,7 +11,7 @@ from uwserver.frames import matrix
 from uwserver.physics.geometry.shapes import Solid
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.sensors.optical.camera.faces import FACE, Paint, blank_faces, floors, solid_faces
-from uwserver.sensors.optical.camera.gltf import BadLooks, Looks, read_glb
+from uwserver.sensors.optical.camera.gltf import BadGltf, GltfModel, read_glb
 from uwserver.sensors.optical.camera.rays import THING, PickScene, Placed, pick_scene
 from uwserver.sensors.optical.camera.textures import Atlas, BadTexture, Picture, Room
 from uwserver.sensors.optical.camera.view import quat_of
@@ -74,16 +74,16 @@ class Models:
     def _made(self, seen: Seen) -> tuple[Any, list[Picture]]:
         if seen.looks:
             try:
-                looks: Looks = read_glb(seen.looks, self._room)
-            except BadLooks as error:
+                model: GltfModel = read_glb(seen.looks, self._room)
+            except BadGltf as error:
                 self._faults[f"{seen.name}: {error}"] = None
             else:
-                self._faults.update(dict.fromkeys(f"{seen.name}: {fault}" for fault in looks.faults))
-                faces = looks.faces.copy()
+                self._faults.update(dict.fromkeys(f"{seen.name}: {fault}" for fault in model.faults))
+                faces = model.faces.copy()
                 if seen.R is not None:
                     faces["corners"] = faces["corners"] @ seen.R.T + np.array(seen.p)
                     faces["normals"] = faces["normals"] @ seen.R.T
-                return faces, looks.pictures
+                return faces, model.pictures
         return (blank_faces(0) if seen.solid is None else solid_faces(seen.solid, seen.paint)), []
 
     def moving(self, faces: Any) -> PickScene:

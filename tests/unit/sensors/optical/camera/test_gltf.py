@@ -1,4 +1,4 @@
-"""Looks: axes, colours, textures; files that do not fit together."""
+"""Model files: axes, colours, textures; files that do not fit together."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from sensors.optical.camera.glb import glb, packed, png
 
 from uwserver.scenario.solids.model_files import check_glb
 from uwserver.sensors.optical.camera import gltf, textures
-from uwserver.sensors.optical.camera.gltf import BadLooks, read_glb
+from uwserver.sensors.optical.camera.gltf import BadGltf, read_glb
 
 RED_AND_BLUE = png([[[255, 0, 0], [0, 0, 255]]] * 2)
 
@@ -64,7 +64,7 @@ def broken(**changes: object) -> bytes:
     ],
 )
 def test_files_that_do_not_fit_together_are_refused(changes: dict[str, object]) -> None:
-    with pytest.raises(BadLooks):
+    with pytest.raises(BadGltf):
         read_glb(broken(**changes))
 
 
@@ -87,7 +87,7 @@ def test_an_accessor_lies_within_the_file(view: dict[str, object], accessor: dic
     square = {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"}
     views = [{"byteLength": 48, **view}]
     mesh = {"primitives": [{"attributes": {"POSITION": 0}}]}
-    with pytest.raises(BadLooks):
+    with pytest.raises(BadGltf):
         read_glb(broken(bufferViews=views, accessors=[square | accessor], meshes=[mesh]))
     assert len(read_glb(broken(bufferViews=[{"byteLength": 48}], accessors=[square], meshes=[mesh])).faces) == 1
 
@@ -115,7 +115,7 @@ def test_a_picture_of_many_textures_is_decoded_once(monkeypatch: pytest.MonkeyPa
     assert "make them smaller" in looks.faults[0]
     assert room.left == 0
     monkeypatch.setattr(gltf, "_MOST_PICTURES", 29)
-    with pytest.raises(BadLooks, match="pictures"):
+    with pytest.raises(BadGltf, match="pictures"):
         read_glb(packed(told, data[20 + size + 8 :]))
 
 
@@ -139,8 +139,8 @@ def test_vertices_that_no_triangle_names_cost_nothing(monkeypatch: pytest.Monkey
     assert len(read_glb(packed(told, binary)).faces) == nodes
     assert sum(moved) == 9 * nodes
     monkeypatch.setattr(gltf, "_MOST_PARTS", nodes - 1)
-    with pytest.raises(BadLooks, match="at nodes"):
+    with pytest.raises(BadGltf, match="at nodes"):
         read_glb(packed(told, binary))
     monkeypatch.setattr(gltf, "MOST_TRIANGLES", nodes - 1)
-    with pytest.raises(BadLooks):
+    with pytest.raises(BadGltf):
         read_glb(packed(told, binary))
