@@ -17,7 +17,7 @@ from uwserver.sensors.optical.camera.faces import GROWTH, PLAIN, SEABED, Paint
 from uwserver.sensors.optical.camera.lamps import LampAt
 from uwserver.sensors.optical.camera.picture import Optics
 from uwserver.sensors.optical.camera.view import Pose, View
-from uwserver.sensors.optical.camera.visible import Look, Models, Seen
+from uwserver.sensors.optical.camera.visible import Models, VisibleScene, VisibleThing
 from uwserver.units import rad
 
 DOCS = Path(__file__).parents[1] / "docs/images"
@@ -29,11 +29,11 @@ NIGHTS: tuple[WaterType, ...] = ("I", "II", "3C", "7C")
 def main() -> None:
     """Write them."""
     camera = CameraConfig(rate_hz=10.0, width=SIZE[0], height=SIZE[1])
-    optics, look = Optics(camera.optics(), None, camera.snow_pm3), Look(things(), Models())
-    day = [photograph(camera, optics, look, water, (0.0, 0.0, 9.5), Daylight()) for water in DAYS]
-    night = [photograph(camera, optics, look, water, (1.6, 0.0, 10.6), Daylight(0.0), lamps()) for water in NIGHTS]
-    shallow = photograph(camera, optics, look, "II", (0.0, 0.0, 9.5), Daylight(), shift=-8.0, up=0.15)
-    above = photograph(camera, optics, look, "I", (0.0, 0.0, 9.5), Daylight(), up=0.9)
+    optics, scene = Optics(camera.optics(), None, camera.snow_pm3), VisibleScene(things(), Models())
+    day = [photograph(camera, optics, scene, water, (0.0, 0.0, 9.5), Daylight()) for water in DAYS]
+    night = [photograph(camera, optics, scene, water, (1.6, 0.0, 10.6), Daylight(0.0), lamps()) for water in NIGHTS]
+    shallow = photograph(camera, optics, scene, "II", (0.0, 0.0, 9.5), Daylight(), shift=-8.0, up=0.15)
+    above = photograph(camera, optics, scene, "I", (0.0, 0.0, 9.5), Daylight(), up=0.9)
     DOCS.mkdir(parents=True, exist_ok=True)
     side_by_side([*day[:2], shallow, above]).save(DOCS / "camera_day.jpg", quality=84)
     side_by_side(night).save(DOCS / "camera_lamps.jpg", quality=84)
@@ -42,14 +42,14 @@ def main() -> None:
 
 
 def photograph(
-    camera: CameraConfig, optics: Optics, look: Look, water: WaterType, p: Vec3, day: Daylight, lamps: tuple[LampAt, ...] = (),
+    camera: CameraConfig, optics: Optics, scene: VisibleScene, water: WaterType, p: Vec3, day: Daylight, lamps: tuple[LampAt, ...] = (),
     shift: float = 0.0, up: float = -0.2,
 ) -> Any:  # fmt: skip
     """A picture that is exposed as auto-exposure would have it; `shift` (m) lowers the surface onto the scene."""
     state = np.zeros((1, 13))
     state[0, :7] = (*p, 1.0, 0.0, 0.0, 0.0)
     pose = Pose(p, quat_from_rpy(0.0, up, 0.0))
-    view = View(3.0, look, state, pose, pose, p[2] + shift, WATER_TYPES[water], day, lamps, own=0)
+    view = View(3.0, scene, state, pose, pose, p[2] + shift, WATER_TYPES[water], day, lamps, own=0)
     light = optics.form(view)
     chip = electronics.Chip(
         camera.pixel_um, camera.f_number, camera.quantum_efficiency, camera.full_well_e, camera.read_noise_e, camera.dark_current_eps,
@@ -79,7 +79,7 @@ def lamps() -> tuple[LampAt, ...]:
     return tuple(LampAt(0, (0.0, y, 0.1), down, rad(135.0), 1500.0) for y in (-0.25, 0.25))
 
 
-def things() -> list[Seen]:
+def things() -> list[VisibleThing]:
     """Sand with ripples at 12 m, and what stands and lies there."""
     n = 201
     x, y = np.meshgrid(np.linspace(-50.0, 50.0, n), np.linspace(-50.0, 50.0, n), indexing="ij")
@@ -98,10 +98,10 @@ def things() -> list[Seen]:
         (Box((0.5, 0.5, 0.5)), (4.0, -0.8, 11.6), level, concrete, GROWTH),
         (Sphere(0.3), (3.2, 0.6, 11.5), level, yellow, PLAIN),
     ]
-    sand = Seen("seabed", Solid("seabed", (Placed(bed),)), Paint([(0.55, 0.47, 0.31)], (SEABED,)))
+    sand = VisibleThing("seabed", Solid("seabed", (Placed(bed),)), Paint([(0.55, 0.47, 0.31)], (SEABED,)))
     return [
         sand,
-        *(Seen(str(k), Solid(str(k), (Placed(s, p, q),)), Paint([c], (t,))) for k, (s, p, q, c, t) in enumerate(rest)),
+        *(VisibleThing(str(k), Solid(str(k), (Placed(s, p, q),)), Paint([c], (t,))) for k, (s, p, q, c, t) in enumerate(rest)),
     ]
 
 

@@ -106,13 +106,13 @@ class Sight(NamedTuple):
 
     Attributes:
         water, day: light.
-        look: returns a `uwserver.sensors.optical.camera.visible.Look` at everything that is there now.
+        scene: returns the `uwserver.sensors.optical.camera.visible.VisibleScene` of everything that is there now.
         lamps: returns all lamps that shine now, each as a `uwserver.sensors.optical.camera.lamps.LampAt`.
         state: returns the present state (n, 13) of all bodies.
     """
 
     water: WaterLight
     day: Daylight
-    look: Callable[[], Any]
+    scene: Callable[[], Any]
     lamps: Callable[[], tuple[Any, ...]]
     state: Callable[[], FloatArray]

@@ -19,7 +19,7 @@ from uwserver.sensors import Pose
 from uwserver.sensors.optical.camera.faces import GROWTH, PLAIN, TILES, Paint
 from uwserver.sensors.optical.camera.faces import SEABED as SAND
 from uwserver.sensors.optical.camera.lamps import LampAt
-from uwserver.sensors.optical.camera.visible import Seen, Watch
+from uwserver.sensors.optical.camera.visible import SceneCache, VisibleThing
 from uwserver.sensors.others import Sight
 from uwserver.units import rad
 from uwserver.world.members import Member
@@ -34,10 +34,10 @@ def give_sight(world: World, resolved: Resolved) -> None:
     """Let the cameras of a world see what its scenario has. Everything is prepared now, so that no tick waits for it."""
     environment = resolved.scenario.environment
     scene = _CameraScene(world, resolved)
-    watch = Watch(scene.things, scene.bodies)
+    cache = SceneCache(scene.things, scene.bodies)
     light = WATER_TYPES[environment.water_type], environment.daylight.daylight
-    world.sight = Sight(*light, watch.look, scene.lamps, lambda: world.hydro.state)
-    for fault in watch.faults():
+    world.sight = Sight(*light, cache.scene, scene.lamps, lambda: world.hydro.state)
+    for fault in cache.faults():
         log.warning("cameras show this without its own looks: %s", fault)
 
 
@@ -51,7 +51,7 @@ class _CameraScene:
         """Return the names and rows of the bodies in the world."""
         return tuple((name, member.vehicle.row) for name, member in self._world.members.items())
 
-    def things(self) -> Iterator[Seen]:
+    def things(self) -> Iterator[VisibleThing]:
         """Yield seabed, structures, and bodies."""
         resolved = self._resolved
         for name, solid in resolved.static.items():
@@ -59,17 +59,17 @@ class _CameraScene:
             paint = self._paint(SEABED, SAND) if is_seabed else self._paint(STRUCTURE, GROWTH)
             looks, placed = resolved.looks.get(name, b""), solid.shapes[0] if solid.shapes else None
             if looks and placed is not None and not isinstance(placed.shape, HalfSpace):
-                yield Seen(name, solid, paint, looks, p=placed.p, R=placed.R)
+                yield VisibleThing(name, solid, paint, looks, p=placed.p, R=placed.R)
             else:
-                yield Seen(name, solid, paint)
+                yield VisibleThing(name, solid, paint)
         for name, member, like in self._present():
             row = member.vehicle.row
             if like in resolved.vehicles:
                 vehicle = resolved.vehicles[like]
-                yield Seen(name, vehicle.solid, self._paint(VEHICLE, PLAIN), vehicle.looks, row)
+                yield VisibleThing(name, vehicle.solid, self._paint(VEHICLE, PLAIN), vehicle.looks, row)
             else:
                 body = resolved.objects[like]
-                yield Seen(name, body.solid, self._paint(OBJECT, PLAIN), body.looks, row)
+                yield VisibleThing(name, body.solid, self._paint(OBJECT, PLAIN), body.looks, row)
 
     def _present(self) -> Iterator[tuple[str, Member, str]]:
         """Yield name and member of each body in the world, and the name of the body of the scenario that it is built like."""

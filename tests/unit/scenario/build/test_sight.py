@@ -57,7 +57,7 @@ def made(folder: Path, text: str, looks: str = "") -> World:
 def test_all_things_with_the_colours_that_viewers_know(tmp_path: Path) -> None:
     world = made(tmp_path, SCENARIO + CAMERA)
     assert world.sight is not None
-    visible = world.sight.look().made()
+    visible = world.sight.scene().made()
     assert visible.names == ["", "seabed", "pile", "rov", "crate"]
     assert visible.faces["colour"][visible.planes[0].face].tolist() == pytest.approx([0.19, 0.16, 0.12])
     assert sorted(set(visible.rows.tolist())) == [-1, 0, 1]
@@ -68,9 +68,9 @@ def test_who_comes_is_seen_and_who_goes_is_not(tmp_path: Path) -> None:
     assert world.sight is not None
     population: Any = world.population
     population.spawn("second", "crate", (2.0, -0.6, 5.0), (1.0, 0.0, 0.0, 0.0))
-    assert "second" in world.sight.look().made().names
+    assert "second" in world.sight.scene().made().names
     population.remove("crate")
-    names = world.sight.look().made().names
+    names = world.sight.scene().made().names
     assert "crate" not in names
     assert "second" in names
     seen = [sample for _ in range(60) for sample in world.step() if sample.port == "rov/cam"][-1].value[1]
@@ -111,7 +111,7 @@ def test_what_is_painted_on_things_follows_their_material() -> None:
     world = build(resolved)
     assert world.sight is not None
     assert resolved.scenario.environment.water_type == "I"
-    visible = world.sight.look().made()
+    visible = world.sight.scene().made()
     of = {name: number for number, name in enumerate(visible.names)}
     patterns = {
         name: {int(p) for p in visible.faces["pattern"][visible.ids[visible.faces["thing"]] == number]}
@@ -126,7 +126,7 @@ def test_what_is_painted_on_things_follows_their_material() -> None:
 def test_in_the_sea_there_is_sand_and_growth(tmp_path: Path) -> None:
     world = made(tmp_path, SCENARIO + CAMERA)
     assert world.sight is not None
-    visible = world.sight.look().made()
+    visible = world.sight.scene().made()
     of = visible.ids[visible.faces["thing"]]
     assert set(visible.faces["pattern"][of == visible.names.index("seabed")].tolist()) == {SEABED}
     assert set(visible.faces["pattern"][of == visible.names.index("pile")].tolist()) == {GROWTH}

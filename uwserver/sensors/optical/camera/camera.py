@@ -190,7 +190,7 @@ class Camera(Sensor):
         memory.last = now
         half = 0.5 * config.read_out_s if config.rolling_shutter and not self._is_exact else 0.0
         view = View(
-            now, sight.look(), sight.state().copy(), _pose_at(scope, mount, half), _pose_at(scope, mount, -half), scope.submergence(p), sight.water,
+            now, sight.scene(), sight.state().copy(), _pose_at(scope, mount, half), _pose_at(scope, mount, -half), scope.submergence(p), sight.water,
             sight.day, sight.lamps(), scope.water.current, scope.row,
         )  # fmt: skip
         seed = 0 if config.ideal else int(self.rng.integers(1, 1 << 63))
@@ -266,7 +266,7 @@ def _segmented(optics: Optics, view: View) -> Pieces[tuple[Value, ...]]:
     ids, counts = yield from optics.owners(view)
     share = np.divide(counts[:, 0], counts[:, 1], out=np.zeros(len(counts)), where=counts[:, 1] > 0.0)
     there = np.flatnonzero(counts[:, 1])
-    names = ",".join(f"{k}:{view.look.made().names[k]}" for k in there.tolist())
+    names = ",".join(f"{k}:{view.scene.made().names[k]}" for k in there.tolist())
     seen = np.column_stack((there, counts[there, 0], share[there])).astype(np.float32)
     return Buffer.of(ids), names, Buffer.of(seen)
 

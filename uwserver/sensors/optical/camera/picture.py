@@ -77,7 +77,7 @@ class Optics:
 
     def cast(self, view: View) -> Pieces[tuple[FloatArray, Any, Cone]]:
         """Find what each pixel sees. Returns the base of the picture (3, N), THING, and the cone of all rays."""
-        width, visible = self.lens.width, view.look.made()
+        width, visible = self.lens.width, view.scene.made()
         base = np.array(view.first.p)
         table, start, cone = self._bundle(view.depth > 0.0)
         R, p = _rows(view, self.lens.height, base)
@@ -97,7 +97,7 @@ class Optics:
 
     def _scenes(self, view: View) -> list[rays.Placed]:
         """Return the scenes that rays are cast at. Of the camera's own vehicle only faces towards the camera count: it is inside the others."""
-        visible, own = view.look.made(), view.own
+        visible, own = view.scene.made(), view.own
         if self._known is None or self._known[0] is not visible:
             others = [placed for placed in visible.scenes if own < 0 or visible.rows[placed.thing] != own]
             mine = [
@@ -115,7 +115,7 @@ class Optics:
     def light(self, view: View, shadows: bool) -> Pieces[Any]:
         """Do the same as `form`, in pieces."""
         base, things, _ = yield from self.cast(view)
-        lens, buffers, visible = self.lens, self.buffers, view.look.made()
+        lens, buffers, visible = self.lens, self.buffers, view.scene.made()
         north, east, down = base.tolist()
         water = view.water if view.depth > 0.0 else AIR
         sea = formation.sea_row(view.t, view.water, view.day, (north, east, down), view.depth, 1.0 / lens.fx)
@@ -155,7 +155,7 @@ class Optics:
                 lamps[k : k + 1], buffers.origin, buffers.direction, buffers.distance, self.lens.width, SHADOW, least,
                 min(water.dimming()), points, towards, reach,
             )  # fmt: skip
-            for placed in view.look.made().scenes:
+            for placed in view.scene.made().scenes:
                 row = things["row"][placed.thing]
                 if row < 0 or row != lamps["row"][k]:
                     for first in range(0, cells, buffers.piece):
@@ -182,7 +182,7 @@ class Optics:
     def owners(self, view: View) -> Pieces[tuple[Any, FloatArray]]:
         """Do the same as `ids`, in pieces."""
         base, things, cone = yield from self.cast(view)
-        buffers, visible = self.buffers, view.look.made()
+        buffers, visible = self.buffers, view.scene.made()
         out: Any = np.empty(buffers.n, np.uint16)
         rays.owners(buffers.face, visible.faces, things, out)
         counts: FloatArray = np.zeros((len(visible.names), 2))

@@ -21,7 +21,7 @@ class View(NamedTuple):
 
     Attributes:
         t: simulation time, s.
-        look: a `visible.Look` at the things.
+        scene: a `visible.VisibleScene` of the things.
         state: (n, 13) state of the bodies.
         first, last: poses of the camera when the first and the last row of pixels are read.
         depth: depth of the camera below the surface, m; negative in air.
@@ -32,7 +32,7 @@ class View(NamedTuple):
     """
 
     t: float
-    look: Any
+    scene: Any
     state: FloatArray
     first: Pose
     last: Pose

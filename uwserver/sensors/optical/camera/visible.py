@@ -20,7 +20,7 @@ LATTICE_M = 1024.0
 """Distance between the centres of static scenes. With one scene for all, float32 would be coarse if something is far away."""
 
 
-class Seen(NamedTuple):
+class VisibleThing(NamedTuple):
     """One thing of a world.
 
     Attributes:
@@ -64,14 +64,14 @@ class Models:
         """Texts about things that cannot be shown as they are."""
         return [*self._faults]
 
-    def faces(self, seen: Seen) -> tuple[Any, list[Picture]]:
+    def faces(self, seen: VisibleThing) -> tuple[Any, list[Picture]]:
         """Return FACE (n) in the frame of the solid, and the pictures of the textures."""
         key = id(seen.looks), id(seen.solid)
         if key not in self._faces:
             self._faces[key] = ((seen.looks, seen.solid), *self._made(seen))
         return self._faces[key][1:]
 
-    def _made(self, seen: Seen) -> tuple[Any, list[Picture]]:
+    def _made(self, seen: VisibleThing) -> tuple[Any, list[Picture]]:
         if seen.looks:
             try:
                 model: GltfModel = read_glb(seen.looks, self._room)
@@ -103,10 +103,10 @@ class Models:
             return Atlas()
 
 
-class Look:
+class VisibleScene:
     """All things at one moment. The thread that makes pictures builds the catalogue when it is first used."""
 
-    def __init__(self, things: Iterable[Seen], models: Models) -> None:
+    def __init__(self, things: Iterable[VisibleThing], models: Models) -> None:
         self._things, self._models = tuple(things), models
         self._made: Visible | None = None
 
@@ -117,24 +117,24 @@ class Look:
         return self._made
 
 
-class Watch:
-    """Gives the present `Look` while things are added and removed."""
+class SceneCache:
+    """Gives the present `VisibleScene` while things are added and removed."""
 
-    def __init__(self, things: Callable[[], Iterable[Seen]], bodies: Callable[[], Hashable]) -> None:
+    def __init__(self, things: Callable[[], Iterable[VisibleThing]], bodies: Callable[[], Hashable]) -> None:
         """things: returns everything that can be seen; bodies: returns another value after bodies were added or removed."""
         self._things, self._bodies, self._models = things, bodies, Models()
-        self._look: tuple[Hashable, Look] | None = None
+        self._scene: tuple[Hashable, VisibleScene] | None = None
 
-    def look(self) -> Look:
-        """Return the look at everything that is there now. It stays the same object until bodies are added or removed."""
+    def scene(self) -> VisibleScene:
+        """Return the scene of everything that is there now. It stays the same object until bodies are added or removed."""
         bodies = self._bodies()
-        if self._look is None or self._look[0] != bodies:
-            self._look = bodies, Look(self._things(), self._models)
-        return self._look[1]
+        if self._scene is None or self._scene[0] != bodies:
+            self._scene = bodies, VisibleScene(self._things(), self._models)
+        return self._scene[1]
 
     def faults(self) -> list[str]:
         """Build the catalogue, and return texts about what cannot be shown as it is. Call it before the world runs."""
-        self.look().made()
+        self.scene().made()
         return self._models.faults
 
 
@@ -152,7 +152,7 @@ class Visible:
         atlas: the textures.
     """
 
-    def __init__(self, things: Iterable[Seen], models: Models) -> None:
+    def __init__(self, things: Iterable[VisibleThing], models: Models) -> None:
         """Build the catalogue of these things, with models that may be known already."""
         self.names: list[str] = [""]
         self._parts: list[Any] = []
@@ -220,7 +220,7 @@ class Visible:
         scene = pick_scene(corners, np.zeros(3))
         self.scenes.append(Placed(scene._replace(centre=about), first_thing, first_face))
 
-    def _add_half_spaces(self, seen: Seen, number: int) -> None:
+    def _add_half_spaces(self, seen: VisibleThing, number: int) -> None:
         """Add the half-spaces of a thing. Each has one face that stands for all of it."""
         assert seen.solid is not None
         for floor in floors(seen.solid, seen.paint):
