@@ -139,7 +139,7 @@ def sound_out(
     soundings.find(sound, bins, least, loss, False, place, level, hits, half)
     method = np.where(hits > 0, soundings.BY_AMPLITUDE, soundings.NOTHING_FOUND).astype(np.uint8)
     if apart is not None:
-        spans = soundings.looks(place, half, bins)
+        spans = soundings.phase_gates(place, half, bins)
         difference, start = apart(spans)
         soundings.cross(sound, difference, spans, start, least, half, place, method)
     quality: FloatArray = np.where(hits > 0, level / (level + around), 0.0)

@@ -294,6 +294,6 @@ class Follow(Task, tag="follow", kw_only=True, frozen=True, dict=True):
         return (self.at(s + 0.5 * k) for k in range(int(2 * _AHEAD_M) + 1))
 
 
-def looking(p: Vec3, q: Sequence[float], view_deg: float) -> Eye:
+def eye_at(p: Vec3, q: Sequence[float], view_deg: float) -> Eye:
     """Return an eye at a pose in N, which sees well in a cone of this full angle about its x axis."""
     return Eye(p, rotate(q, (1.0, 0.0, 0.0)), math.cos(0.5 * rad(view_deg)))

@@ -15,7 +15,7 @@ from uwserver.modifiers import Measurement
 from uwserver.modifiers.base import Memory
 from uwserver.ports import Argument, Field, Json, Value
 from uwserver.sensors.base import Named, Pose, Scope, Sensor, SensorTable, Settings, Traits
-from uwserver.sensors.onboard.inspection import Follow, Inspect, looking
+from uwserver.sensors.onboard.inspection import Follow, Inspect, eye_at
 from uwserver.sensors.onboard.tasks import Gate, HoldDepth, Moment, Points, Reach, Task, Verdict
 from uwserver.table import NonNegative
 from uwserver.units import NANOSECONDS
@@ -68,13 +68,13 @@ class TrainingConfig(SensorTable, tag="training", kw_only=True, frozen=True):
 
     def traits(self) -> Traits:
         """Declare the structures that the pilot has to inspect."""
-        looked_at = (
+        inspected = (
             Named(("tasks", name, "structures", k), "structures", structure)
             for name, task in self.tasks.items()
             if isinstance(task, Inspect)
             for k, structure in enumerate(task.structures)
         )
-        return Traits(names=tuple(looked_at))
+        return Traits(names=tuple(inspected))
 
     def build(self, mount: Pose) -> Training:
         """Return the judge, with the pilot's camera on this mount."""
@@ -212,7 +212,7 @@ class Training(Sensor):
         return Moment(
             self.memory.before if self.memory.seen else scope.p_NB,
             scope.p_NB,
-            looking(scope.position(self._mount.p), scope.attitude(q), self._config.view_deg),
+            eye_at(scope.position(self._mount.p), scope.attitude(q), self._config.view_deg),
             math.hypot(*scope.v_NB_B),
             math.hypot(*scope.w_NB_B),
             scope.geometry,

@@ -13,7 +13,7 @@ from msgspec import structs
 
 from uwserver.frames import quat_from_rpy
 from uwserver.sensors import Pose, TrainingConfig
-from uwserver.sensors.onboard.inspection import Finding, Follow, Inspect, is_hidden, looking
+from uwserver.sensors.onboard.inspection import Finding, Follow, Inspect, eye_at, is_hidden
 from uwserver.sensors.onboard.tasks import Moment
 from uwserver.sensors.onboard.training import Training
 from uwserver.sensors.others import Outline
@@ -29,7 +29,7 @@ TASK = Inspect(structures=("north", "east"), points=80.0, distance_m=(0.5, 2.5),
 
 
 def moment(p, yaw=0.0, pitch=0.0, things=BALLS, **more):
-    eye = looking(p, quat_from_rpy(0.0, rad(pitch), rad(yaw)), 60.0)
+    eye = eye_at(p, quat_from_rpy(0.0, rad(pitch), rad(yaw)), 60.0)
     return Moment(p, p, eye, geometry=FakeGeometry(things), outlines={"north": NORTH, "east": EAST}, **more)
 
 

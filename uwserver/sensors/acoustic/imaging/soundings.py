@@ -26,7 +26,7 @@ _LEAST_GATES = 5
 """Least number of phases to fit a line to."""
 _COARSE = 0.3
 """Error of a phase beyond the scatter that a few of them show, rad."""
-_LEAST_LOOK = 8.0
+_LEAST_PHASE_HALF = 8.0
 """First half width of the window in which phases are used, gates."""
 _SURE = 0.25
 """Largest standard deviation of the phase at its zero, rad, with which the phase is surely better than the amplitude. The amplitude has an error of
@@ -47,14 +47,14 @@ def bands(pattern: Plane) -> IntArray:
     return result
 
 
-def looks(place: FloatArray, half: FloatArray, bins: int) -> IntArray:
+def phase_gates(place: FloatArray, half: FloatArray, bins: int) -> IntArray:
     """Return (beams, 2) the first gate whose phase is used and the one after the last; both are 0 without an echo.
 
     Args:
         place, half: (beams) as `find` writes them.
         bins: gates that count.
     """
-    about, width = np.nan_to_num(place), _FARTHEST * np.maximum(half, _LEAST_LOOK)
+    about, width = np.nan_to_num(place), _FARTHEST * np.maximum(half, _LEAST_PHASE_HALF)
     low, high = np.maximum(np.floor(about - width), 0.0), np.minimum(np.ceil(about + width), bins)
     result: IntArray = np.stack((low, high), axis=1).astype(np.int64)
     result[np.isnan(place)] = 0
@@ -210,7 +210,7 @@ def cross(
     Args:
         sound: (2, beams, gates) float32 of both halves together, real and imaginary part.
         apart: (2, beams, some gates) of their difference (`array.difference`), from gate `start` on.
-        spans: (beams, 2) as `looks` returns them.
+        spans: (beams, 2) as `phase_gates` returns them.
         least: as for `find`.
         half, place: (beams) as `find` writes them; places where the phase is used are changed.
         method: (beams) uint8 receives NOTHING_FOUND, BY_AMPLITUDE or BY_PHASE.
@@ -221,7 +221,7 @@ def cross(
         if math.isnan(place[b]):
             continue
         method[b] = BY_AMPLITUDE
-        about, width = place[b], max(half[b], _LEAST_LOOK)
+        about, width = place[b], max(half[b], _LEAST_PHASE_HALF)
         low, high = spans[b, 0], spans[b, 1]
         total = amplitudes = 0.0
         for k in range(low, high):

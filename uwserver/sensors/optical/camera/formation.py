@@ -126,7 +126,7 @@ def form(
             face, pixel = faces[hit], s.pixel * r
             owner = things[face.thing]
             place = _in_frame_of(owner, x)
-            normal, colour = _looks(face, owner, place, pixel, texels, levels)
+            normal, colour = _surface_at(face, owner, place, pixel, texels, levels)
             facing = -(normal[0] * d[0] + normal[1] * d[1] + normal[2] * d[2])
             if facing < 0.0 and face.sided == 0:
                 normal, facing = (-normal[0], -normal[1], -normal[2]), -facing
@@ -182,7 +182,7 @@ def _in_frame_of(owner: Any, x: Vec3) -> Vec3:
 
 
 @inlined
-def _looks(face: Any, owner: Any, place: Vec3, pixel: float, texels: Array, levels: Array) -> tuple[Vec3, Colours]:
+def _surface_at(face: Any, owner: Any, place: Vec3, pixel: float, texels: Array, levels: Array) -> tuple[Vec3, Colours]:
     """Return normal (N) and colour of a face.
 
     Args:

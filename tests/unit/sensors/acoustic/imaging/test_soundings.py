@@ -86,7 +86,7 @@ def crossed(
         for w in (echo * np.cos(turn) * any_phase, echo * np.sin(turn) * any_phase)
     )
     places, method = np.array([place]), np.zeros(1, np.uint8)
-    spans = soundings.looks(places, np.array([half]), 200)
+    spans = soundings.phase_gates(places, np.array([half]), 200)
     start = int(spans[0, 0])
     soundings.cross(sound, apart[:, :, start:].copy(), spans, start, 1e-6, np.array([half]), places, method)
     return float(places[0]), int(method[0])
