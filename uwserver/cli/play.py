@@ -15,7 +15,7 @@ from uwserver.cli.errors import told
 from uwserver.cli.options import FILE, LOG_LEVEL, SECONDS
 from uwserver.cli.played_adapters import with_played_adapters
 from uwserver.cli.run import announced_address, with_address
-from uwserver.cli.web_view import open_page, where_to_look, with_token, with_view_token, with_web_view
+from uwserver.cli.web_view import address_lines, open_page, with_token, with_view_token, with_web_view
 
 if TYPE_CHECKING:
     from uwserver.recording.player_track import Track
@@ -179,7 +179,7 @@ def _serve(
         page = addresses.get(view, "")
         if opens:
             open_page(with_token(page, shown.text))
-        for line in where_to_look(resolved, view, page, shown):
+        for line in address_lines(resolved, view, page, shown):
             if line:
                 click.echo(line)
         length = (track.runs[0].to_ns - track.runs[0].from_ns) / 1e9

@@ -20,7 +20,7 @@ from uwserver.adapter import Token, is_loopback, known_token, new_token
 from uwserver.cli.colour import styled
 from uwserver.cli.loading import loaded, require_packages, with_adapter, with_changes
 from uwserver.cli.options import LOG_LEVEL, SECONDS, Number, rotated
-from uwserver.cli.web_view import open_page, where_to_look, with_token, with_view_token, with_web_view
+from uwserver.cli.web_view import address_lines, open_page, with_token, with_view_token, with_web_view
 
 if TYPE_CHECKING:
     from uwserver.recording.parts import Rotation
@@ -236,7 +236,7 @@ def _announce(
         open_page(with_token(page, shown and shown.text))
     if quiet:
         return
-    first_said, last_said = where_to_look(resolved, view, page, shown)
+    first_said, last_said = address_lines(resolved, view, page, shown)
     if first_said:
         click.echo(f"\n{first_said}")
     vehicles = ", ".join(f"{name} ({v.vehicle.name})" for name, v in alike(resolved).items())

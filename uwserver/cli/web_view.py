@@ -60,7 +60,7 @@ def with_view_token(resolved: Resolved, name: str, makes: bool) -> tuple[Resolve
     return with_adapter(resolved, name, msgspec.structs.replace(config, token=token.text)), token
 
 
-def where_to_look(resolved: Resolved, name: str, address: str, token: Token | None) -> tuple[str, str]:
+def address_lines(resolved: Resolved, name: str, address: str, token: Token | None) -> tuple[str, str]:
     """Return what to print about the page before anything else, and what to print after the other addresses; "" for nothing.
 
     Args:

@@ -180,14 +180,14 @@ class Profile:
         self._windows.append(window)
         return window
 
-    def look(self, window: Window) -> Report:
+    def report(self, window: Window) -> Report:
         """Return what was measured in a window so far."""
         self._settle()
         return _report(window, self._now_ns())
 
     def close(self, window: Window) -> Report:
         """Return what was measured in a window, and end it."""
-        report = self.look(window)
+        report = self.report(window)
         self._windows.remove(window)
         return report
 

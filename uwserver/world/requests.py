@@ -14,7 +14,7 @@ from uwserver.world.part import Carry
 
 log = logging.getLogger(__name__)
 
-LOOKS = frozenset({"world/state_hash", "world/snapshot"})
+CHANGE_NOTHING = frozenset({"world/state_hash", "world/snapshot"})
 """Services that change nothing in the state."""
 
 
@@ -24,7 +24,7 @@ class Requests:
     Attributes:
         posted: in the order in which they came.
         changes: grows whenever the state may have changed: each time that requests are carried out, with each call of a program in the same
-            process, and with each request except calls of `LOOKS`.
+            process, and with each request except calls of `CHANGE_NOTHING`.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class Requests:
                 conflict = self._commands.accept(item, tick, posted.fields)
                 # Most commands of a program in the same process wait for no reply.
                 return None if posted.on_reply is None else Reply(tick, t_ns, conflict=conflict)
-            self.changes += item.service not in LOOKS
+            self.changes += item.service not in CHANGE_NOTHING
             # A call may depend on the commands before it.
             self._commands.apply(tick)
             result = self._run(item)

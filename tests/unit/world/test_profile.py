@@ -134,7 +134,7 @@ def test_windows_do_not_disturb_each_other() -> None:
     tick(9)
     short = profile.open()
     tick(3)
-    assert profile.look(long).worst_us == 9.0
+    assert profile.report(long).worst_us == 9.0
     found = profile.close(short)
     assert (found.ticks, found.worst_us, found.seconds) == (1, 3.0, 3e-6)
     tick(1)
@@ -219,7 +219,7 @@ def test_who_comes_while_it_is_measured_is_measured() -> None:
     world.watch(profile)
     window = profile.open()
     world.step(48)
-    before = lines(profile.look(window))["sensors", "imu"].readings
+    before = lines(profile.report(window))["sensors", "imu"].readings
     name = next(iter(world.vehicles))
     world.dismiss(name)
     world.step(48)

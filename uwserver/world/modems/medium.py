@@ -182,7 +182,7 @@ class Medium(Part):
             done = {id(leg) for leg in ended}
             self._legs = [structs.replace(leg, stage=PAST) if id(leg) in done else leg for leg in self._legs]
         for node in nodes.values():
-            self._look_after(node, now)
+            self._retry_and_send(node, now)
         self._forget_past(now)
         self._schedule()
 
@@ -286,7 +286,7 @@ class Medium(Part):
         modem.tell(told)
         self._ranging.answered(packet.message, told, travel)
 
-    def _look_after(self, node: Node, now: float) -> None:
+    def _retry_and_send(self, node: Node, now: float) -> None:
         """Repeat or give up messages without an answer, and send those that wait."""
         modem, memory = node.modem, node.modem.memory
         if not node.slot.active:
