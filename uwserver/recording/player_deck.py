@@ -43,7 +43,7 @@ MAX_GOALS: Final = 256
 GROWN_NS: Final = 3 * NANOSECONDS
 """If a file without an end does not grow for this wall time, it counts as cut off."""
 _IDLE_S = 0.1
-_LOOK_S = 0.0005
+_POLL_S = 0.0005
 
 
 @dataclass(eq=False)
@@ -205,7 +205,7 @@ class Deck:
             return True
         while self._bus.backlog() >= self._bus.ahead and not self._stop.is_set():
             self._bus.flush()
-            self._time.wait(_LOOK_S, self._stop)
+            self._time.wait(_POLL_S, self._stop)
         return True
 
     def _wakes(self) -> bool:

@@ -49,7 +49,7 @@ START_TIMEOUT_S = 10.0
 START_WORK_NS = NANOSECONDS // 10
 """Processor time that counts as progress. A hundred checks whether all adapters have started take less, and a process gets more on any
 machine."""
-_LOOK_S = 0.1
+_POLL_S = 0.1
 SHOWN_S = 1.0
 """Wall time for which the announcement waits for an adapter that is not required."""
 STOP_TIMEOUT_S = 1.0
@@ -211,7 +211,7 @@ class Server:
         healthy tick may take long."""
         before, since = processor_ns(), self._loop.time()
         while thread.is_alive() and not self._gave_up:
-            thread.join(_LOOK_S)
+            thread.join(_POLL_S)
             worked = processor_ns() - before
             if worked > STOP_WORK_NS or (worked < START_WORK_NS and self._loop.time() - since > START_TIMEOUT_S):
                 break
@@ -307,7 +307,7 @@ class Server:
                     told = True
                     log.info("waiting until adapter %s has started", names)
                 looked_at = [ending, *(waiting[name] for name in pending)]
-                await asyncio.wait(looked_at, timeout=_LOOK_S, return_when=asyncio.FIRST_COMPLETED)
+                await asyncio.wait(looked_at, timeout=_POLL_S, return_when=asyncio.FIRST_COMPLETED)
         finally:
             ending.cancel()
 
@@ -315,7 +315,7 @@ class Server:
         """Wait a moment until the adapter that is announced first has its address, or has failed."""
         stats, until = self.hub.stats.get(self._options.shown), self._loop.time() + SHOWN_S
         while stats is not None and stats.state == "starting" and self._loop.time() < until:
-            await asyncio.sleep(_LOOK_S / 10)
+            await asyncio.sleep(_POLL_S / 10)
 
     async def _supervise(self, config: Any, context: Context, ready: asyncio.Event) -> None:
         """Run an adapter, and start it again after a growing pause when it fails. Its errors never reach the world."""

@@ -52,7 +52,7 @@ RESERVE_BYTES = 200_000_000
 """Bytes that a recording leaves free on its disk."""
 MAX_WAITING = 64
 """Most requests that may wait for the disk, so that a client with many requests does not keep another from ending a recording for long."""
-LOOK_S = 0.5
+POLL_S = 0.5
 """Wall time between two checks of the file size. A recording may exceed its limit by what is written in that time."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _TRIES = 100
@@ -242,7 +242,7 @@ class Recordings:
     async def _watch(self, recorder: Recorder, most: int) -> None:
         """End a recording that must not, or cannot, go on."""
         while True:
-            await asyncio.sleep(LOOK_S)
+            await asyncio.sleep(POLL_S)
             free = await _in_thread(partial(_free_bytes, recorder.path))
             status = recorder.status()
             written = status["bytes"]

@@ -20,7 +20,7 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-LOOK_S = 0.02
+POLL_S = 0.02
 """Wall time of one wait for a driver. Between two waits calls are answered."""
 
 GLANCE_S = 0.004
@@ -135,7 +135,7 @@ class Lockstep:
         order = self._call(entry, lambda driver: driver.order(GLANCE_S))
         if order is None:
             self._bus.flush()
-            order = self._call(entry, lambda driver: driver.order(LOOK_S))
+            order = self._call(entry, lambda driver: driver.order(POLL_S))
         return order
 
     def wakes(self) -> bool:

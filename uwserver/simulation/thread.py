@@ -33,7 +33,7 @@ STEERING_NS = NANOSECONDS // 4000
 """Wall time between two ticks for services of the clock, in real time. The rest waits for the next tick."""
 MAX_GOALS = 256
 """Most steps and runs at a time, as each gets progress reports."""
-_LOOK_S = 0.0005
+_POLL_S = 0.0005
 """How long a world that is ahead of the loop sleeps before it checks again."""
 _IDLE_S = 0.25
 """How long a paused or waiting world sleeps at most before it checks again; a request wakes it at once."""
@@ -196,7 +196,7 @@ class Simulation:
             most = MAX_TICKS // 2 if self.lockstep.asks else self.bus.ahead
             while self.bus.backlog() >= most and not self._stop.is_set():
                 self.bus.flush()
-                self._time.wait(_LOOK_S, self._stop)
+                self._time.wait(_POLL_S, self._stop)
         return True
 
     def _is_paced(self) -> bool:

@@ -314,7 +314,7 @@ def test_a_slow_start_is_waited_for_as_long_as_this_process_works(resolved, monk
     """A machine so busy that no wall time is enough."""
     work = itertools.count(0, server_module.START_WORK_NS)
     monkeypatch.setattr(server_module, "START_TIMEOUT_S", 0.0)
-    monkeypatch.setattr(server_module, "_LOOK_S", 0.001)
+    monkeypatch.setattr(server_module, "_POLL_S", 0.001)
     monkeypatch.setattr(server_module, "processor_ns", lambda: next(work))
 
     async def slow_run(self, ready: asyncio.Event) -> None:

@@ -393,7 +393,7 @@ def test_a_folder_that_cannot_be_made_is_told(resolved: Resolved, folder: Path) 
 def test_a_recording_that_has_grown_to_the_limit_ends_whole(
     resolved: Resolved, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "LOOK_S", 0.01)
+    monkeypatch.setattr(module, "POLL_S", 0.01)
 
     async def script(client: Client) -> None:
         await client.ask("recording/start", name="run")
@@ -413,7 +413,7 @@ def test_a_recording_that_has_grown_to_the_limit_ends_whole(
 def test_a_disk_that_becomes_full_ends_the_recording_and_not_the_world(
     resolved: Resolved, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "LOOK_S", 0.01)
+    monkeypatch.setattr(module, "POLL_S", 0.01)
 
     async def script(client: Client) -> None:
         await client.ask("recording/start", name="run")
@@ -429,7 +429,7 @@ def test_a_disk_that_becomes_full_ends_the_recording_and_not_the_world(
 def test_a_file_that_cannot_be_written_any_more_is_told_and_another_can_begin(
     resolved: Resolved, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "LOOK_S", 0.01)
+    monkeypatch.setattr(module, "POLL_S", 0.01)
 
     async def script(client: Client) -> None:
         await client.ask("recording/start", name="run")
@@ -449,7 +449,7 @@ def test_a_file_that_cannot_be_written_any_more_is_told_and_another_can_begin(
 def test_a_file_that_somebody_took_away_ends_the_recording_and_is_told(
     resolved: Resolved, folder: Path, monkeypatch: pytest.MonkeyPatch, is_watched: bool
 ) -> None:
-    monkeypatch.setattr(module, "LOOK_S", 0.01 if is_watched else 3600.0)
+    monkeypatch.setattr(module, "POLL_S", 0.01 if is_watched else 3600.0)
 
     async def script(client: Client) -> None:
         await client.ask("recording/start", name="run")
@@ -560,7 +560,7 @@ def test_a_recording_whose_folder_has_gone_ends(
     resolved: Resolved, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nobody could say any more how full the disk is."""
-    monkeypatch.setattr(module, "LOOK_S", 0.01)
+    monkeypatch.setattr(module, "POLL_S", 0.01)
 
     async def script(client: Client) -> None:
         await client.ask("recording/start", name="run")

@@ -28,7 +28,7 @@ from uwserver.validation.manoeuvres.helm import GLIDE_DOWN, Sticks
 from uwserver.validation.manoeuvres.runs import Plan, Track, Waters, hold, still, then
 
 THROTTLES = (0.3, 0.6, 1.0)
-LOOK_S, LONG_S = 20.0, 600.0
+SHORT_S, LONG_S = 20.0, 600.0
 """Times after which the figures of straight runs and dives, and those of ballast, which is slow, are read."""
 PLANES, HEEL = rad(5.0), rad(10.0)
 
@@ -62,13 +62,13 @@ def straight(waters: Waters, throttles: Sequence[float] = THROTTLES) -> Trial:
     tracks = waters.sail([hold(Sticks(surge=throttle)) for throttle in asked], APPROACH_S)
     rows = []
     for throttle, track in zip(asked, tracks, strict=True):
-        begin = track.until(LOOK_S)
+        begin = track.until(SHORT_S)
         values = (
             float(begin.speed[-1]), float(begin.tilt.max()), float(begin.pitch[-1]),
             float(begin.heading[-1] - begin.heading[0]), float(begin.p[-1, 0]), float(begin.p[-1, 2]), settled(track.steady.speed),
         )  # fmt: skip
         rows.append(Row(ahead(throttle), values))
-    text = f"From rest, throttle stepped, everything else at neutral; figures after {LOOK_S:g} s. Steady: mean of 108 to 120 s."
+    text = f"From rest, throttle stepped, everything else at neutral; figures after {SHORT_S:g} s. Steady: mean of 108 to 120 s."
     return Trial(key, title, text, STRAIGHT, tuple(rows))
 
 
@@ -96,7 +96,7 @@ def dive(waters: Waters) -> Trial:
             f"planes {degrees(angle)} to {word}": then(full, APPROACH_S, full._replace(planes=side * angle))
             for word, side in (("dive", 1.0), ("rise", -1.0))
         }
-        rows += _risen(waters, plans, APPROACH_S, LOOK_S)
+        rows += _risen(waters, plans, APPROACH_S, SHORT_S)
     if helm.has("sink"):
         plans = {
             f"ballast as {word} as it gets": hold(Sticks(sink=side)) for word, side in (("heavy", 1.0), ("light", -1.0))
@@ -105,7 +105,7 @@ def dive(waters: Waters) -> Trial:
     if not rows:
         return Trial(key, title, reason="it has neither vertical thrust nor planes nor ballast")
     text = (
-        f"Vertical thrust for 60 s from rest; planes for {LOOK_S:g} s after {APPROACH_S:g} s ahead at full throttle; ballast for "
+        f"Vertical thrust for 60 s from rest; planes for {SHORT_S:g} s after {APPROACH_S:g} s ahead at full throttle; ballast for "
         f"{LONG_S:g} s from rest. Rates are means of the last tenth."
     )
     return Trial(key, title, text, RISE, tuple(rows))
