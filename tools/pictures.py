@@ -15,7 +15,7 @@ from pathlib import Path
 from PIL import Image
 
 from uwserver.cli.chromium import Page, chromium
-from uwserver.cli.shot import advance, settle, showing
+from uwserver.cli.shot import advance, showing, wait_until_still
 
 FOLDER = Path(__file__).parents[1] / "docs" / "images"
 MOST_KIB, MOST_MOVING_KIB = 300, 3000
@@ -96,7 +96,7 @@ def drive(file: Path) -> None:
     with showing("pool_inspection", chromium(), PAGE, parts) as page:
         t = 0.5
         advance(page, t)
-        settle(page)
+        wait_until_still(page)
         for seconds, keys in KEYS:
             with page.holding(*keys):
                 page.wait("uw.pilot.owns && uw.pilot.sticks.some((stick) => stick !== 0)", "the keys steer")

@@ -24,7 +24,7 @@ class Table(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_
 T = TypeVar("T", bound=Table)
 
 
-def settled(table: T) -> T:
+def with_shared_defaults(table: T) -> T:
     """Return an equal table in which each value that equals its default is the default object of the class.
 
     Encoders leave defaults out by identity. So equal tables give equal bytes, whether a file writes a default or not.

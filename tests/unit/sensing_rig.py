@@ -141,10 +141,10 @@ class Rig:
         self.sensing = Sensing(self.slots, self.sensor_arrays)
         given = StepTable(hydro, water, self.sensor_arrays, self.sensing, Pilots(hydro), rate_hz)
         self.stepping = Stepping(given, lambda tick: None, lambda: False)
-        self.settle()
+        self.sensors_changed()
 
-    def settle(self) -> None:
-        self.sensing.settle()
+    def sensors_changed(self) -> None:
+        self.sensing.sensors_changed()
         self.sensing.set_listeners((), ())
         self.sensing.schedule()
 

@@ -101,7 +101,7 @@ def shot(
         parts = {"view": "follow", "quality": "high", **dict(parse_qsl(link)), **{k: v for k, v in given.items() if v}}
         with showing(scenario, program, size, parts, seed) as page:
             advance(page, at_s)
-            settle(page)
+            wait_until_still(page)
             page.picture(output)
     click.echo(f"wrote {output}: {output.stat().st_size // 1024 + 1} KiB")
 
@@ -193,7 +193,7 @@ def _run_until(page: Page, t_s: float) -> None:
     page.wait(f"Math.abs(uw.t - {now!r}) < 1e-6", f"the page did not show the world at {now:g} s", sign="uw.frames")
 
 
-def settle(page: Page) -> None:
+def wait_until_still(page: Page) -> None:
     """Wait until everything is loaded and drawn, and the camera is at rest.
 
     Raises:

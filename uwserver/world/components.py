@@ -15,7 +15,7 @@ from uwserver.modifiers.columns import Columns, columns_of
 from uwserver.modifiers.operations import Operation
 from uwserver.ports import Fault, Items, Port, Value
 from uwserver.ports.checks import check_given
-from uwserver.world.computing import Loose, settled
+from uwserver.world.computing import Loose, wait_for_values
 from uwserver.world.part import Part, State, read_record, record
 
 Held = tuple[bool, tuple[Value, ...]] | None
@@ -98,14 +98,14 @@ class SensorState(State, frozen=True, omit_defaults=True):
         """Leave the pictures out: they follow from the other values, and may still be under computation."""
         return structs.replace(self, pictures=()) if self.pictures else self
 
-    def settled(self) -> SensorState:
+    def completed(self) -> SensorState:
         """Wait for the pictures, and put them in."""
         return structs.replace(self, pictures=computed(self.pictures))
 
 
 def computed(pictures: Iterable[Loose]) -> tuple[tuple[Value, ...], ...]:
     """Wait for pictures under computation. Returns the values of all pictures."""
-    return tuple([settled(loose) for loose in pictures])
+    return tuple([wait_for_values(loose) for loose in pictures])
 
 
 class CommandHistory(Struct, frozen=True):

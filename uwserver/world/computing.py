@@ -91,7 +91,7 @@ Loose = tuple[Value, ...] | Work
 """The values of a reading that are no numbers, or the job that makes them."""
 
 
-def settled(loose: Loose) -> tuple[Value, ...]:
+def wait_for_values(loose: Loose) -> tuple[Value, ...]:
     """Return the values. Waits for them if they are under computation."""
     return loose.result() if isinstance(loose, Work) else loose
 

@@ -40,7 +40,7 @@ class OnTheirWay(State, frozen=True, omit_defaults=True):
         """Leave the pictures out: they follow from the other values, and may still be under computation."""
         return structs.replace(self, pictures=()) if self.pictures else self
 
-    def settled(self) -> OnTheirWay:
+    def completed(self) -> OnTheirWay:
         """Wait for the pictures, and put them in."""
         return structs.replace(self, pictures=computed(self.pictures))
 

@@ -45,7 +45,7 @@ class State(Struct, frozen=True):
         """Return the values that decide how the run goes on, for the state hash."""
         return self
 
-    def settled(self) -> State:
+    def completed(self) -> State:
         """Return the state ready to be encoded, after waiting for values under computation."""
         return self
 

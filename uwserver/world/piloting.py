@@ -81,7 +81,7 @@ class Pilots(Stateless):
         self._active: list[bool] = []
         self.ports: tuple[str, ...] = ()
 
-    def settle(self, parts: Iterable[Part], streams: Mapping[str, int]) -> None:
+    def parts_changed(self, parts: Iterable[Part], streams: Mapping[str, int]) -> None:
         """Find the autopilots again after parts were added or removed.
 
         Args:

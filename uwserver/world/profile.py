@@ -175,14 +175,14 @@ class Profile:
 
     def open(self) -> Window:
         """Begin to measure with the next tick."""
-        self._settle()
+        self._add_tick()
         window = Window(self._now_ns())
         self._windows.append(window)
         return window
 
     def report(self, window: Window) -> Report:
         """Return what was measured in a window so far."""
-        self._settle()
+        self._add_tick()
         return _report(window, self._now_ns())
 
     def close(self, window: Window) -> Report:
@@ -224,7 +224,7 @@ class Profile:
 
     def begin(self) -> None:
         """Begin a tick. What was done since the last tick ended, such as handing its samples on, counts for that tick."""
-        self._settle()
+        self._add_tick()
         self._inner_ns = 0
         self._began_ns = self._now_ns()
 
@@ -242,7 +242,7 @@ class Profile:
         row.readings += readings
         row.ns += ns
 
-    def _settle(self) -> None:
+    def _add_tick(self) -> None:
         """Add what was measured since the last tick began to the windows."""
         whole_ns = sum([row.ns for row in self._touched])
         for window in self._windows:

@@ -17,7 +17,7 @@ from uwserver.step.streams import ENTRY, HEARD, KEPT, LARGE, NEVER, READ, SMALL
 from uwserver.units import NANOSECONDS
 from uwserver.world.by_hand import ByHand
 from uwserver.world.components import SensorStream
-from uwserver.world.computing import DROP, settled
+from uwserver.world.computing import DROP, wait_for_values
 from uwserver.world.on_their_way import WAY, OnTheirWay
 from uwserver.world.part import Part
 from uwserver.world.profile import Timer, untimed
@@ -79,7 +79,7 @@ class Sensing(Part):
         self._timed = timed
         self.tell = timed("samples", "for readers", self._tell)
 
-    def settle(self) -> None:
+    def sensors_changed(self) -> None:
         """Give sensors their places in the arrays, after sensors were added or removed."""
         slots, there, self._thinned = self._slots, dict.fromkeys(self._slots.values()), WHOLE
         gone = [slot for slot in self._placed if slot not in there]
@@ -106,7 +106,7 @@ class Sensing(Part):
         wordy = {k: SMALL if s.columns.is_small else LARGE for k, s in streams.items() if s.columns.loose}
         self._sensor_arrays.streams.rows["wordy"] = 0
         self._sensor_arrays.streams.rows["wordy"][[*wordy]] = [*wordy.values()]
-        self.under_way.settle(slots.values())
+        self.under_way.sensors_changed(slots.values())
         self._sensor_arrays.gather({id(s.wiring): s.wiring for s in slots.values() if s.wiring is not None}.values())
 
     def want(self, ports: Container[str] | None, thinned: Thinned = WHOLE) -> None:
@@ -222,7 +222,7 @@ class Sensing(Part):
             # A state from outside may have two samples of one number in flight.
             stream.newest = stream.coming.pop(seq, stream.newest or stream.loose)
             if place >= 0:
-                log.loose[place] = settled(stream.newest)
+                log.loose[place] = wait_for_values(stream.newest)
                 is_large = is_large or not stream.columns.is_small
         if not ends:
             return
@@ -252,7 +252,7 @@ class Sensing(Part):
         if not row["newest"]:
             return None
         first, width = row["newest_first"], row["width"]
-        values = stream.columns.unpack(self._sensor_arrays.numbers.rows[first : first + width], settled(stream.newest))
+        values = stream.columns.unpack(self._sensor_arrays.numbers.rows[first : first + width], wait_for_values(stream.newest))
         return Sample(path, int(row["seq"]), int(row["t_ns"]), int(row["t_sent_ns"]), bool(row["valid"]), values)
 
     # -- state ----------------------------------------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from uwserver.sensors.acoustic.cross_talk import Sonar
 from uwserver.sensors.compiled import HEAD, CompiledSensor
 from uwserver.step.streams import HELD, STREAM
 from uwserver.world.components import SensorStream
-from uwserver.world.computing import settled
+from uwserver.world.computing import wait_for_values
 from uwserver.world.sensor_arrays import SensorArrays
 
 
@@ -174,7 +174,7 @@ class SensorRows:
         if not held["there"]:
             return None
         return bool(held["valid"]), stream.columns.unpack(
-            self.numbers(row["first"], row["width"]), settled(stream.loose)
+            self.numbers(row["first"], row["width"]), wait_for_values(stream.loose)
         )
 
     def held_ns(self) -> int:

@@ -47,7 +47,7 @@ class Snapshot(Struct, frozen=True, eq=False):
 
 
 def _encoded(snapshot: Snapshot) -> bytes:
-    return msgpack.encode((snapshot.tick, {path: state.settled() for path, state in snapshot.parts.items()}))
+    return msgpack.encode((snapshot.tick, {path: state.completed() for path, state in snapshot.parts.items()}))
 
 
 class _File(Struct, frozen=True, forbid_unknown_fields=True):
@@ -79,7 +79,7 @@ def to_bytes(world: World, snapshot: Snapshot) -> bytes:
     Raises:
         Refused: it is too large to be loaded again.
     """
-    parts = {path: Raw(msgpack.encode(state.settled())) for path, state in snapshot.parts.items()}
+    parts = {path: Raw(msgpack.encode(state.completed())) for path, state in snapshot.parts.items()}
     data = msgpack.encode(_File(FORMAT, PHYSICS, world.identity(), world.seed, snapshot.tick, parts))
     if len(data) > MAX_BYTES - _DIGEST_SIZE:
         raise Refused("too_large", f"the state has {len(data)} bytes: at most {MAX_BYTES} can be saved and loaded")

@@ -93,7 +93,7 @@ class StepTable:
             self._given_times = times if is_given else _NO_TIMES
         return is_given
 
-    def settle(self) -> None:
+    def refresh(self) -> None:
         """Make the table again if an array has moved, or other sensors are due."""
         now = self._dependencies()
         if tuple(map(id, now)) != self._ids:

@@ -138,7 +138,7 @@ class Stepping:
         if self._pilots.arrays is not None:
             self._pilots.follow_switches()
         is_one = self.given.stands_at(tick)
-        self.given.settle()
+        self.given.refresh()
         return is_one
 
     def end(self, why: int) -> None:
@@ -216,7 +216,7 @@ class Stepping:
             self._sensor_arrays.take_over()
         self._answers[why]()
         if why in _CHANGING:
-            self.given.settle()
+            self.given.refresh()
 
     def _draw(self) -> None:
         if self._water.sea is not None:

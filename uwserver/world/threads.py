@@ -86,7 +86,7 @@ class Threads:
         self.end()
         self._team, self._wanted = None, wanted
 
-    def settle(self) -> None:
+    def bodies_changed(self) -> None:
         """Start the threads that pay for this number of bodies. Called after bodies were added or removed, before their arrays are used."""
         hydro, size = self._hydro, self._size()
         if size < 2 or len(hydro) < LEAST_BODIES:

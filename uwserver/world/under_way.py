@@ -30,7 +30,7 @@ class UnderWay:
         self._dropped: set[tuple[int, int]] = set()
         self.is_idle = True
 
-    def settle(self, slots: Iterable[SensorSlot]) -> None:
+    def sensors_changed(self, slots: Iterable[SensorSlot]) -> None:
         """Take over the sensors that there are now."""
         self._slots = {slot.path: slot for slot in slots if slot.sensor.takes_time}
         self.streams = {k: (slot, stream) for slot in self._slots.values() for k, stream in _numbered(slot)}

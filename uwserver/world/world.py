@@ -128,7 +128,7 @@ class World(InProcess):
 
     def prepare(self) -> None:
         """Prepare everything that would delay the first tick that needs it. Called before a run that the clock paces."""
-        self.stepping.given.settle()
+        self.stepping.given.refresh()
         if self.scene is not None:
             self.scene.stocks.ways.open()
             self.scene.still()  # makes the surfaces
@@ -194,8 +194,8 @@ class World(InProcess):
         slots: list[SensorStream | ActuatorSlot] = [stream for slot in self.sensors.values() for stream in slot.streams]
         slots += self.actuators.values()
         self.ports = {slot.port.path: slot.port for slot in slots}
-        self.threads.settle()
-        self.sensing.settle()
+        self.threads.bodies_changed()
+        self.sensing.sensors_changed()
         self._order_parts()
 
     def _order_parts(self) -> None:
@@ -204,7 +204,7 @@ class World(InProcess):
         awake = [part for part in self.own_parts if is_awake(part)]
         awake += [part for member in self.members.values() for part in member.by_path.awake]
         self.stepping.turns = in_turn(awake, self._timed)
-        self._pilots.settle(self.parts.values(), self.sensing.numbers)
+        self._pilots.parts_changed(self.parts.values(), self.sensing.numbers)
         self.sensing.set_listeners(self.stepping.turns.ears, self._pilots.ports)
         self.sensing.schedule()
 

@@ -26,7 +26,7 @@ COVERED = 2048
 number. There is a limit because each sample is compared with all subscriptions that cover its port."""
 TOGETHER = 512
 """Samples that are encoded in one go, which takes less than a millisecond."""
-SETTLING = 16
+UPDATE_TICKS = 16
 """Ticks with samples before the world is told what is enough, so that it is told of many new subscriptions at once."""
 
 
@@ -51,7 +51,7 @@ class Fanout:
         self._ports: dict[str, dict[_Key, Selection]] = {}
         self._taken: dict[str, Taken] = {}
         self._touched: set[Outgoing] = set()
-        self._settling = 0
+        self._ticks_to_update = 0
         self._together = Together(lambda path: self._ports.get(path, {}), context.stats)
         self._jpegs = Jpegs(context)
 
@@ -80,13 +80,13 @@ class Fanout:
     @property
     def thinned(self) -> Thinned:
         """For each port of which no client takes all samples the thinnings that are enough."""
-        self._settling = 0
+        self._ticks_to_update = 0
         thinned = {path: taken.thinnings for path, taken in self._taken.items()}
         return {path: thinnings for path, thinnings in thinned.items() if thinnings}
 
-    def _settle(self) -> None:
+    def _update_soon(self) -> None:
         """Tell the world soon that less is enough."""
-        self._settling = self._settling or SETTLING
+        self._ticks_to_update = self._ticks_to_update or UPDATE_TICKS
 
     def add(self, session: Subscriber, subscription: Subscription) -> None:
         """Route the samples of a subscription to a client, and set the paths of the subscription."""
@@ -108,7 +108,7 @@ class Fanout:
                 route = selection.routes[session] = Route(session.outbox, session.codec)
             taken = self._taken.get(path)
             if taken is None:
-                taken = self._taken[path] = Taken(self._settle)
+                taken = self._taken[path] = Taken(self._update_soon)
             route.add(subscription, Share(subscription, taken))
 
     def remove(self, session: Subscriber, subscription: Subscription) -> None:
@@ -166,7 +166,7 @@ class Fanout:
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Queue the samples of one tick; `send_samples` follows."""
         self._put(samples)
-        self._follow_settling(1)
+        self._count_down(1)
 
     def _put(self, samples: Sequence[Sample]) -> None:
         touched: set[Outgoing] = set()
@@ -196,12 +196,12 @@ class Fanout:
                 self._put(part)
             else:
                 self._touched.update(outboxes)
-        self._follow_settling(told.ticks)
+        self._count_down(told.ticks)
 
-    def _follow_settling(self, ticks: int) -> None:
-        if self._settling:
-            self._settling = max(0, self._settling - ticks)
-            if not self._settling:
+    def _count_down(self, ticks: int) -> None:
+        if self._ticks_to_update:
+            self._ticks_to_update = max(0, self._ticks_to_update - ticks)
+            if not self._ticks_to_update:
                 self.context.follow_wants()
 
     def send_samples(self) -> None:

@@ -212,7 +212,7 @@ class Requests:
 
             def answer(reply: Reply) -> None:
                 result = {"tick": reply.tick, "t_ns": reply.t_ns, "conflict": reply.conflict}
-                self._settle(question, codec, reply, result)
+                self._finish(question, codec, reply, result)
 
             value = command_value(port, question.payload, question.media, codec.name)
             self._conversation(caller).command(path, value, answer, caller.client)
@@ -268,7 +268,7 @@ class Requests:
         is_limited = client not in self._clients and self._context.services[path].long_running
 
         def answer(reply: Reply) -> None:
-            self._settle(question, codec, reply, {"tick": reply.tick, "t_ns": reply.t_ns, "value": reply.result})
+            self._finish(question, codec, reply, {"tick": reply.tick, "t_ns": reply.t_ns, "value": reply.result})
 
         def progress(progress: Progress) -> None:
             if client and id is not None:
@@ -290,7 +290,7 @@ class Requests:
             raise Refused("bad_argument", "timeout_s is a number of seconds above zero", "timeout_s")
         return timeout_s
 
-    def _settle(self, question: Question, codec: Codec, reply: Reply, result: object) -> None:
+    def _finish(self, question: Question, codec: Codec, reply: Reply, result: object) -> None:
         if reply.fault is not None:
             self._refuse(question, codec, reply.fault)
         else:

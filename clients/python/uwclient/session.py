@@ -161,7 +161,7 @@ class Session:
             if isinstance(message, Sample):
                 self._keep(message)
             elif isinstance(message, Reply):
-                self._settle(message)
+                self._resolve(message)
             elif isinstance(message, Event):
                 self.events.append(message)
                 self._stale = self._stale or message.event == "ports_changed"
@@ -178,7 +178,7 @@ class Session:
         self._inbox.append(sample)
         self._latest[sample.port] = sample
 
-    def _settle(self, reply: Reply) -> None:
+    def _resolve(self, reply: Reply) -> None:
         if reply.id is None:
             if reply.error is not None:
                 self.refusals.append(reply.error)

@@ -16,7 +16,7 @@ from chromium_rig import chromium_or_skip
 from click.testing import CliRunner, Result
 
 from uwserver.cli.chromium import Page
-from uwserver.cli.shot import settle, shot
+from uwserver.cli.shot import shot, wait_until_still
 
 module = importlib.import_module("uwserver.cli.shot")
 PATIENCE_S = 300.0
@@ -47,12 +47,12 @@ def test_the_picture_is_of_what_was_asked(tmp_path: Path, monkeypatch: pytest.Mo
     seen: list[object] = []
 
     def look(page: Page) -> None:
-        settle(page)
+        wait_until_still(page)
         seen.extend(
             page.ask("[uw.drawing.view, uw.app.bodies[uw.app.chosen].name, uw.app.status.paused, uw.errors, uw.t]")
         )
 
-    monkeypatch.setattr(module, "settle", look)
+    monkeypatch.setattr(module, "wait_until_still", look)
     file = tmp_path / "out.png"
     options = ("--view", "top", "--vehicle", "crate", "--size", "400x320", "--link", "quality=low&dock=off&view=board")
     done = asked("push_the_crate", file, "--at", 0.7, *options)

@@ -122,7 +122,7 @@ def test_all_are_chosen_of_a_stream_whose_order_is_not_that_of_time() -> None:
 def test_what_is_enough_holds_until_the_time_is_set_or_sensors_come() -> None:
     rig = Rig(slot_of(path="a", latency_ns=-3))
     counts = rig.sensor_arrays.streams.rows["thinning_count"]
-    for forget in (rig.sensing.forget_newest, rig.sensing.settle):
+    for forget in (rig.sensing.forget_newest, rig.sensing.sensors_changed):
         rig.sensing.want(("a",), {"a": (Thinning(10.0, 0), Thinning(1.0, 0)), "gone": (Thinning(1.0, 0),)})
         assert counts.sum() == 2
         forget()

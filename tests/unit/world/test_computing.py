@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from uwserver.ports import Value
 from uwserver.sensors.job import Job, Pieces, whole
-from uwserver.world.computing import Computing, Work, settled
+from uwserver.world.computing import Computing, Work, wait_for_values
 
 PATIENCE_S = 120.0
 
@@ -34,7 +34,7 @@ def test_jobs_that_are_due_together_run_one_after_the_other_in_their_order_and_o
         computing.begin(work, 0)
     assert not works[0].is_done
     gate.set()
-    assert [settled(work) for work in (*works, works[0])] == [("a",), ("b",), ("c",), ("a",)]
+    assert [wait_for_values(work) for work in (*works, works[0])] == [("a",), ("b",), ("c",), ("a",)]
     assert notes == [f"{name} {what}" for name in "abc" for what in ("begins", "ends")]
     computing.end()
 

@@ -58,7 +58,7 @@ def test_samples_of_what_went_are_lost() -> None:
     rig = Rig(slot("a", late=25), slot("b", late=25), slot("c", late=15, kind=Speaker))
     rig.tick(1)
     del rig.slots["a"]
-    rig.settle()
+    rig.sensors_changed()
     for each in rig.slots.values():
         each.active = False
     rig.sensing.schedule()
@@ -85,10 +85,10 @@ def test_a_state_holds_nothing_of_where_others_have_been() -> None:
     """Rows that were used before, and wider ones, leave no trace in it."""
     used, fresh = Rig(slot("a", late=25)), Rig(slot("a", late=25))
     used.slots |= {"wide": slot("wide", late=25, kind=Speaker)}
-    used.settle()
+    used.sensors_changed()
     used.tick(1)
     del used.slots["wide"]
-    used.settle()
+    used.sensors_changed()
     start = fresh.sensing.save(), fresh.slots["a"].save()
     for rig in (used, fresh):
         rig.sensing.load(start[0])

@@ -13,7 +13,7 @@ def test_arrays_grow_under_samples_on_their_way() -> None:
     rig, expected = Rig(), []
     for n in range(1, 40):
         rig.slots[f"s{n}"] = slot_of(path=f"s{n}", divisor=n, latency_ns=10_000 - 10 * n)
-        rig.settle()
+        rig.sensors_changed()
         assert rig.samples(n) == []
         expected += [(f"s{k}", 10 * n) for k in range(1, n + 1) if n % k == 0]
     for slot in rig.slots.values():
@@ -31,17 +31,17 @@ def test_rows_are_used_again() -> None:
     pools = arrays.heads, arrays.streams, arrays.operations, arrays.numbers
     for k in range(3):
         rig.slots["goes"] = slot_of(path="goes")
-        rig.settle()
+        rig.sensors_changed()
         rig.tick(k + 1)
         del rig.slots["goes"]
-        rig.settle()
+        rig.sensors_changed()
     sizes = [len(pool.rows) for pool in pools]
     for k in range(100):
         rig.slots["goes"] = slot_of(path="goes")
-        rig.settle()
+        rig.sensors_changed()
         rig.tick(k + 4)
         del rig.slots["goes"]
-        rig.settle()
+        rig.sensors_changed()
     assert [len(pool.rows) for pool in pools] == sizes
 
 

@@ -69,11 +69,11 @@ def test_a_fault_is_there_after_coming_back() -> None:
     told(rig)
     slot.fault = "frozen"
     del rig.slots[slot.path]
-    rig.settle()
+    rig.sensors_changed()
     with pytest.raises(RuntimeError, match="in no world"):
         slot.save()
     rig.slots[slot.path] = slot
-    rig.settle()
+    rig.sensors_changed()
     assert told(rig, 2) == [("rov/x", 1, 20, 20, (1.0,))]
 
 
@@ -119,12 +119,12 @@ def test_a_sensor_goes_on_from_its_state(kind: type[Counter]) -> None:
     (first, other), rigs = slots, [Rig(slot) for slot in slots]
     gained(first, 2.0)
     first.set_divisor(2)
-    rigs[0].settle()
+    rigs[0].sensors_changed()
     told(rigs[0], 2)
     state = first.save()
     other.check(state)
     other.load(state)
-    rigs[1].settle()
+    rigs[1].sensors_changed()
     assert (other.number, other.divisor, other.port.rate_hz, other.held) == (1, 2, 0.5e8, first.held)
     assert told(rigs[1], 4) == told(rigs[0], 4) != []
     first.load(state)
@@ -153,9 +153,9 @@ def test_who_goes_and_comes_back_goes_on() -> None:
     told(rig)
     told(stays)
     del rig.slots[slot.path]
-    rig.settle()
+    rig.sensors_changed()
     rig.slots |= {"other": slot_of(path="other", divisor=3), slot.path: slot}
-    rig.settle()
+    rig.sensors_changed()
     assert told(rig, 2) == told(stays, 2) != []
 
 

@@ -219,7 +219,7 @@ def test_every_part_takes_its_state_over(everything: tuple[World, World, snapsho
     world, other, start = everything
     # As bytes, for a number that is none equals itself there.
     kept, taken = (
-        {path: msgspec.msgpack.encode(part.save().settled()) for path, part in one.parts.items()}
+        {path: msgspec.msgpack.encode(part.save().completed()) for path, part in one.parts.items()}
         for one in (world, other)
     )
     assert kept.keys() == taken.keys()

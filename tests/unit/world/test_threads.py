@@ -165,7 +165,7 @@ def settled(monkeypatch):
     def settle(count, wanted):
         made.append(Threads(Bodies(count), 16, lambda: 0))
         made[-1].want(wanted)
-        made[-1].settle()
+        made[-1].bodies_changed()
         return made[-1]
 
     yield settle
@@ -178,10 +178,10 @@ def test_auto_tries_two_threads_where_there_are_enough_bodies(settled):
     some = settled(LEAST_BODIES, "auto")
     assert some.trial is not None
     first, some.trial = some.trial, None
-    some.settle()
+    some.bodies_changed()
     assert some.trial is None
     some._hydro.count += 1
-    some.settle()
+    some.bodies_changed()
     assert some.trial is not first
     assert some.trial is not None
 
@@ -205,5 +205,5 @@ def test_bodies_that_went_back_to_other_arrays_get_the_team_again(settled):
     hydro = two._hydro
     kept = hydro.arrays()
     hydro.set_team(ALONE, 1)
-    two.settle()
+    two.bodies_changed()
     assert hydro.team is kept["team"]

@@ -275,7 +275,7 @@ class ScenarioPopulation(Population):
         state[P : P + 3], state[Q : Q + 4] = p_NB, q_NB
         for part in member.others:
             if isinstance(part, External):  # its source decides where it is
-                part.settle(self._world.t_ns)
+                part.follow_source(self._world.t_ns)
 
     def _obstacle(self, member: Member) -> str:
         """Return the thing that the member is deep inside of; "" for nothing."""

@@ -86,7 +86,7 @@ def mean(values: FloatArray) -> float:
     return float(values.mean())
 
 
-def settled(values: FloatArray) -> Value:
+def steady_mean(values: FloatArray) -> Value:
     """Return the mean of a series that changes by no more than a tenth of it, or else None."""
     average = mean(values)
     return average if float(np.ptp(values)) <= 0.1 * abs(average) + 0.005 else None

@@ -22,7 +22,7 @@ from uwserver.validation.manoeuvres.figures import (
     first_time,
     level,
     mean,
-    settled,
+    steady_mean,
 )
 from uwserver.validation.manoeuvres.helm import GLIDE_DOWN, Sticks
 from uwserver.validation.manoeuvres.runs import Plan, Track, Waters, hold, still, then
@@ -65,7 +65,7 @@ def straight(waters: Waters, throttles: Sequence[float] = THROTTLES) -> Trial:
         begin = track.until(SHORT_S)
         values = (
             float(begin.speed[-1]), float(begin.tilt.max()), float(begin.pitch[-1]),
-            float(begin.heading[-1] - begin.heading[0]), float(begin.p[-1, 0]), float(begin.p[-1, 2]), settled(track.steady.speed),
+            float(begin.heading[-1] - begin.heading[0]), float(begin.p[-1, 0]), float(begin.p[-1, 2]), steady_mean(track.steady.speed),
         )  # fmt: skip
         rows.append(Row(ahead(throttle), values))
     text = f"From rest, throttle stepped, everything else at neutral; figures after {SHORT_S:g} s. Steady: mean of 108 to 120 s."

@@ -56,7 +56,7 @@ class External(Stateless):
         """Return the outputs of its actuators at a simulation time, each -127..127, as in `SceneState.achieved`."""
         return NOTHING_MOVES if self._moving is None else self._moving.achieved(t_ns)
 
-    def settle(self, t_ns: int) -> None:
+    def follow_source(self, t_ns: int) -> None:
         """Move the body to the pose of its source at this time. The velocity is the one with which it hits others in the coming tick."""
         pose, hydro, row = self.source.at(t_ns), self._hydro, self._row
         state = hydro.state[row]
@@ -71,7 +71,7 @@ class External(Stateless):
 
     def after(self, tick: int, t_ns: int, samples: list[Sample]) -> None:
         """Move the body to its pose again after the kernel has moved it, and before sensors read."""
-        self.settle(t_ns)
+        self.follow_source(t_ns)
 
 
 @cache

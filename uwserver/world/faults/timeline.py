@@ -12,7 +12,7 @@ from uwserver.actuators import Thrusters
 from uwserver.physics.kernel.layout import FREE, STUCK, STUCK_AT
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.ports.checks import shown
-from uwserver.table import settled
+from uwserver.table import with_shared_defaults
 from uwserver.world.faults.hull import Hull, HullFault, damaged
 from uwserver.world.faults.table import (
     FaultConfig,
@@ -92,7 +92,7 @@ class Faults(Part):
         if name not in self.entries and len(self.entries) >= MAX_FAULTS:
             raise Refused("busy", f"there are {MAX_FAULTS} faults already: clear one, or use its name", "name")
         self.clear(name)
-        self.entries[name] = Entry(name, settled(fault), begin, end)
+        self.entries[name] = Entry(name, with_shared_defaults(fault), begin, end)
         self.before(tick, 0)
 
     def clear(self, name: str) -> bool:

@@ -282,7 +282,7 @@ def test_the_world_is_told_what_is_enough_for_clients_together(stage: Callable[.
         await one.result("subscribe", {"pattern": "rov/*", "rate_hz": 10})
         assert followed.pop() == {}, "nothing is known before the first sample"
         context.put([sample_of(IMU, 0, 50)])
-        for k in range(fanout.SETTLING - 1):
+        for k in range(fanout.UPDATE_TICKS - 1):
             assert followed == []
             context.put([sample_of(DEPTH, k, 70 + k)])
         assert followed == [{"rov/imu": (Thinning(10.0, 50),), "rov/depth": (Thinning(10.0, 70),)}]

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from uwserver.validation.manoeuvres.figures import Column, Row, Trial, ahead, first_time, settled, turn_told
+from uwserver.validation.manoeuvres.figures import Column, Row, Trial, ahead, first_time, steady_mean, turn_told
 
 TRIAL = Trial(
     "turn",
@@ -26,8 +26,8 @@ def test_a_figure_is_found_by_condition_and_key(condition: str, key: str, value:
 
 
 def test_what_still_changes_has_no_steady_value() -> None:
-    assert settled(np.full(10, 2.0)) == 2.0
-    assert settled(np.linspace(1.0, 2.0, 10)) is None
+    assert steady_mean(np.full(10, 2.0)) == 2.0
+    assert steady_mean(np.linspace(1.0, 2.0, 10)) is None
 
 
 def test_the_first_time_of_something() -> None:

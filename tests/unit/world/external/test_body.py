@@ -45,17 +45,17 @@ def test_it_stands_where_its_source_says():
 def test_nobody_meets_it_where_it_is_when_nobody_knows():
     part, hydro, told = external(ghost=False)
     told.pose = POSE
-    part.settle(0)
+    part.follow_source(0)
     told.pose = None
-    part.settle(10)
+    part.follow_source(10)
     assert is_nowhere(tuple(hydro.state[1, :3]))
     assert hydro.state[1, 2] < -NOWHERE_M
     assert (hydro.state[1, 7:] == 0.0).all()
     other = External("y", hydro, 0, told, False)
-    other.settle(10)
+    other.follow_source(10)
     assert np.linalg.norm(hydro.state[1, :3] - hydro.state[0, :3]) >= 1e3
     told.pose = POSE
-    part.settle(20)
+    part.follow_source(20)
     assert not is_nowhere(tuple(hydro.state[1, :3]))
     assert hydro.bodies["retired"][1] == 0
 
@@ -63,7 +63,7 @@ def test_nobody_meets_it_where_it_is_when_nobody_knows():
 def test_the_kernel_moves_no_ghost():
     part, hydro, told = external(ghost=True)
     told.pose = POSE
-    part.settle(0)
+    part.follow_source(0)
     before = hydro.state[1].copy()
     hydro.advance(0.0)
     assert (hydro.state[1] == before).all()
@@ -72,6 +72,6 @@ def test_the_kernel_moves_no_ghost():
 def test_within_a_tick_a_solid_one_goes_on_at_its_velocity():
     part, hydro, told = external(ghost=False)
     told.pose = POSE._replace(q_NB=(1.0, 0.0, 0.0, 0.0), nu=(1.0, 0, 0, 0, 0, 0))
-    part.settle(0)
+    part.follow_source(0)
     hydro.advance(0.0)
     assert np.allclose(hydro.state[1, :3], [1.01, 2.0, 3.0], atol=1e-12)
