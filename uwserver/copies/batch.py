@@ -184,7 +184,7 @@ class Batch:
         for i in _due(self._next_watch <= ticks, which):
             self._act(i, lambda world: take_turns(world.stepping.turns.watch, world.tick, world.t_ns))
         for i in _due(ticks > self._last, which):
-            self._act(i, _do_nothing)  # Python gives the times of these ticks (`StepTable.stands_at`).
+            self._act(i, _do_nothing)  # Python gives the times of these ticks (`StepTable.begin_at`).
 
     def _undisturbed_ticks(self, which: IntArray, going: NDArray[np.bool_], ticks: IntArray) -> int:
         """Return for how many ticks, at least one, nothing acts before a tick of any of these copies."""

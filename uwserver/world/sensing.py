@@ -37,7 +37,7 @@ class Sensing(Part):
         numbers: numbers of the streams, by port.
         groups: sensors that are due together; a new list whenever other sensors are due.
         by_hand: the Python work for the sensors that are due.
-        casts: whether some of them cast rays.
+        casts_rays: whether some of them cast rays.
         callable: how many samples can come from the sensors that may be called.
         under_way: readings that take time.
         tell: hands the delivered samples of some ticks on; see `_tell`.
@@ -56,7 +56,7 @@ class Sensing(Part):
         self._slots, self._sensor_arrays = slots, sensor_arrays
         self.groups: list[Group] = []
         self.by_hand = ByHand({}, sensor_arrays, untimed)
-        self.casts, self.callable = False, 0
+        self.casts_rays, self.callable = False, 0
         self._listening: list[SensorSlot] = []
         self._placed: dict[SensorSlot, None] = {}
         self._wanted: Container[str] | None = None
@@ -175,7 +175,7 @@ class Sensing(Part):
         self._listening = [slot for slot in slots if slot.active and slot.sensor.listens]
         called = [slot for slot in active if slot.sensor.listens or slot.sensor.rouses]
         self.callable = sum(len(slot.streams) for slot in called)
-        self.casts = any(slot.sensor.rays for slot in active if isinstance(slot.sensor, CompiledSensor))
+        self.casts_rays = any(slot.sensor.rays for slot in active if isinstance(slot.sensor, CompiledSensor))
         self.by_hand = ByHand({slot.head: slot for slot in active}, self._sensor_arrays, self._timed)
 
     @property

@@ -47,7 +47,7 @@ class StepTable:
         ends: for each tick with samples, the end of its samples in the log.
         timetable: when the sensors read.
         scene: the solids of the world; None if there are none.
-        last: up to this tick, compiled code computes the times of ticks itself (`stands_at`).
+        last: up to this tick, compiled code computes the times of ticks itself (`begin_at`).
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class StepTable:
         self.rows |= {name: place(self.rows[name]) for name in ("course", *self.timetable.rows)}
         self.table = place(addresses(rows.FORMS, self.rows))
 
-    def stands_at(self, tick: int) -> bool:
+    def begin_at(self, tick: int) -> bool:
         """Prepare for ticks from this one on. Returns whether only one tick can be made, with times that are given to the step: beyond some
         tick, the times are no longer exact in integers of 64 bits or in floats."""
         is_given = tick > self.last
@@ -113,7 +113,7 @@ class StepTable:
 
     def _met(self, solids: Geometry) -> Met | None:
         """Return the surfaces at which rays are cast; None if no sensor casts rays, or there is nothing to meet."""
-        is_met = self.sensing.casts and self.scene is solids
+        is_met = self.sensing.casts_rays and self.scene is solids
         return self.scene.met() if is_met and self.scene is not None else None
 
     def _tabulate(self) -> None:

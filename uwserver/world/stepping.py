@@ -58,12 +58,12 @@ class Stepping:
         profile: measures each unit of work; None for none.
     """
 
-    def __init__(self, given: StepTable, stand: Callable[[int], None], has_to_tell: Callable[[], bool]) -> None:
+    def __init__(self, given: StepTable, set_tick: Callable[[int], None], has_to_tell: Callable[[], bool]) -> None:
         """Load the step.
 
         Args:
             given: the table that steps get.
-            stand: tells the world which tick it has reached.
+            set_tick: tells the world which tick it has reached.
             has_to_tell: returns whether something waits for clients, so that no further tick is to be made.
         """
         from uwserver.step import tick
@@ -73,7 +73,7 @@ class Stepping:
         self._hydro, self._water, self._sensor_arrays, self._sensing, self._pilots = (
             given.hydro, given.water, given.sensor_arrays, given.sensing, given.pilots,
         )  # fmt: skip
-        self._stand_at, self._has_to_tell = stand, has_to_tell
+        self._set_world_tick, self._has_to_tell = set_tick, has_to_tell
         self._step = straight(tick.step)
         self._first = 0
         self._samples: list[Sample] = []
@@ -128,7 +128,7 @@ class Stepping:
 
     def begin(self, tick: int, samples: list[Sample]) -> bool:
         """Prepare for ticks from this one on; everything before autopilots has been done. Returns whether only one can be made
-        (`StepTable.stands_at`).
+        (`StepTable.begin_at`).
 
         `samples` takes the samples that `Sensing` does not keep.
         """
@@ -137,7 +137,7 @@ class Stepping:
         run[_TICK] = tick
         if self._pilots.arrays is not None:
             self._pilots.follow_switches()
-        is_one = self.given.stands_at(tick)
+        is_one = self.given.begin_at(tick)
         self.given.refresh()
         return is_one
 
@@ -145,7 +145,7 @@ class Stepping:
         """Finish a call of the step, which has stopped for this reason: the world gets its tick, and samples are handed on."""
         run, sensor_arrays, samples = self.given.run, self._sensor_arrays, self._samples
         reached = run[: _ASKED.start].tolist()
-        self._stand_at(reached[_TICK])
+        self._set_world_tick(reached[_TICK])
         sensor_arrays.take_over()
         if reached[_WRITTEN]:
             self._sensing.take_texts()
@@ -198,8 +198,8 @@ class Stepping:
         heads = self._turn(int(self.given.run[_WHICH]))
         return "sensors", kind_of(self.given.timetable.slots[int(heads[0])].sensor), len(heads)
 
-    def _stand(self) -> None:
-        self._stand_at(int(self.given.run[_TICK]))
+    def _set_tick(self) -> None:
+        self._set_world_tick(int(self.given.run[_TICK]))
 
     @property
     def _now(self) -> tuple[int, int]:
@@ -212,7 +212,7 @@ class Stepping:
         """Do the Python work for which a step has stopped (`REASONS`)."""
         self.stops[REASONS[why]] += 1
         if why not in QUIET:
-            self._stand()
+            self._set_tick()
             self._sensor_arrays.take_over()
         self._answers[why]()
         if why in _CHANGING:

@@ -100,7 +100,7 @@ class World(InProcess):
         self._profile: Profile | None = None
         self._pilots = Pilots(hydro)
         given = StepTable(hydro, water, self.sensor_arrays, self.sensing, self._pilots, rate_hz)
-        self.stepping = Stepping(given, self._stand, self._has_output)
+        self.stepping = Stepping(given, self._set_tick, self._has_output)
         self.stops = self.stepping.stops
         self.threads = Threads(hydro, max(16, round(rate_hz / 4)))
         self._timed: Timer = untimed
@@ -302,7 +302,7 @@ class World(InProcess):
             self.threads.end_tick()
         return output
 
-    def _stand(self, tick: int) -> None:
+    def _set_tick(self, tick: int) -> None:
         self.tick = tick
 
     def _has_output(self) -> bool:
