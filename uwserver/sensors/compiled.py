@@ -348,11 +348,11 @@ class CompiledSensor(Sensor):
 
     def sense(self, scope: Scope) -> Measurement | None:
         """Return a reading outside a world."""
-        from uwserver.sensors.alone import Alone
+        from uwserver.sensors.scope_arrays import ScopeArrays
 
         if self.key is None:
             self.start(0)
-        columns, there = Columns(self.fields), Alone(scope, self.voices())
+        columns, there = Columns(self.fields), ScopeArrays(scope, self.voices())
         numbers, heads, rows = np.zeros(max(1, columns.width)), Pool(HEAD, 1), Pool(self.kernel.record, 1)
         heads.rows[0], rows.rows[0] = self.heads.rows[self.head], self.rows.rows[self.row]
         head = heads.rows[0]

@@ -30,7 +30,7 @@ def _touching(touches: Sequence[Touch]) -> Touching:
     return made
 
 
-class Alone:
+class ScopeArrays:
     """Keeps the arrays whose addresses are in `table` (`surroundings.FORMS`)."""
 
     def __init__(self, scope: Scope, voices: Records = NO_VOICES) -> None:

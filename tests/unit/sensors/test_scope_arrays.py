@@ -12,7 +12,7 @@ from uwserver.environment.column import SALINITY, TEMPERATURE, WaterColumn
 from uwserver.environment.sea import Sea
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.kernel.layout import PROFILE_SIZE, WAVE_SIZE, SeaRows
-from uwserver.sensors.alone import Alone
+from uwserver.sensors.scope_arrays import ScopeArrays
 from uwserver.sensors.surroundings import FORMS
 
 Q = quat_from_rpy(0.1, -0.2, 1.3)
@@ -20,7 +20,7 @@ Q = quat_from_rpy(0.1, -0.2, 1.3)
 
 def test_the_body_is_that_of_the_scope(scope):
     changes = {"nu_dot": (1.0, 2.0, 3.0, 4.0, 5.0, 6.0), "tau": (6.0, 5.0, 4.0, 3.0, 2.0, 1.0), "q_NB": Q}
-    arrays = Alone(scope(v_NB_B=(1.0, -2.0, 3.0), w_NB_B=(0.1, 0.2, -0.3), **changes)).arrays
+    arrays = ScopeArrays(scope(v_NB_B=(1.0, -2.0, 3.0), w_NB_B=(0.1, 0.2, -0.3), **changes)).arrays
     assert arrays["state"].tolist() == [[1.0, 2.0, 5.0, *Q, 1.0, -2.0, 3.0, 0.1, 0.2, -0.3]]
     assert arrays["nu_dot"].tolist() == [list(changes["nu_dot"])]
     assert arrays["tau"].tolist() == [list(changes["tau"])]
@@ -29,7 +29,7 @@ def test_the_body_is_that_of_the_scope(scope):
 
 
 def test_the_place_is_that_of_earth_and_water(scope, water):
-    place = Alone(at(scope, 2.5)).arrays["place"][0]
+    place = ScopeArrays(at(scope, 2.5)).arrays["place"][0]
     assert (place["gravity"], place["density"], place["atmosphere"]) == (9.81, 1025.0, 101_325.0)
     assert place["current"].tolist() == [0.3, 0.0, 0.0]
     assert place["moves"] == 0
@@ -47,7 +47,7 @@ def test_the_place_is_that_of_earth_and_water(scope, water):
 def test_layers_and_a_sea_that_moves_are_seen(scope, water):
     rows = SeaRows(np.arange(7.0), np.zeros((1, PROFILE_SIZE)), np.zeros((2, WAVE_SIZE)))
     layers = WaterColumn(CAST, 9.81, 1025.0)
-    arrays = Alone(scope(water=replace(water, sea=Sea(rows), given=layers))).arrays
+    arrays = ScopeArrays(scope(water=replace(water, sea=Sea(rows), given=layers))).arrays
     assert arrays["place"]["moves"].tolist() == [1]
     assert arrays["uniform"] is rows.uniform
     assert (len(arrays["profiles"]), len(arrays["waves"])) == (1, 2)
@@ -57,7 +57,7 @@ def test_layers_and_a_sea_that_moves_are_seen(scope, water):
 def test_the_inside_of_its_vehicle_is_seen_as_it_is_now(scope):
     world = world_with()
     wiring = world.sensors["rov/imu"].wiring
-    there = Alone(scope(wiring=wiring))
+    there = ScopeArrays(scope(wiring=wiring))
     assert there.arrays["electrics"]["wired"].tolist() == [1] * 8
     assert there.arrays["thrusters"] is world.hydro.thrusters
     assert there.arrays["bodies"]["thruster_count"].tolist() == [8]
@@ -65,7 +65,7 @@ def test_the_inside_of_its_vehicle_is_seen_as_it_is_now(scope):
 
 
 def test_the_table_has_the_addresses_of_arrays_that_outlive_it(scope):
-    there = Alone(scope())
+    there = ScopeArrays(scope())
     for (name, _), (address, length) in zip(FORMS.items(), there.table.tolist(), strict=True):
         assert address == there.arrays[name].ctypes.data, name
         assert length == len(there.arrays[name]), name
