@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from uwserver.sensors.job import Begun
+from uwserver.sensors.job import PendingMeasurement
 from uwserver.world import World
 from uwserver_bench.rows import Row
 
@@ -82,6 +82,6 @@ def pictures_hz(world: World, name: str) -> float:
     scope = world.sensor_arrays.scopes(world.t_ns, False)(world.vehicles["rov"].row, None)
     start = time.thread_time_ns()
     begun = sensor.sense(scope)
-    assert isinstance(begun, Begun)
+    assert isinstance(begun, PendingMeasurement)
     begun.job.run()
     return 1e9 / (time.thread_time_ns() - start)

@@ -20,7 +20,7 @@ from uwserver.ports import Buffer, Field
 from uwserver.ports.buffer import Layout
 from uwserver.sensors import SensorTable
 from uwserver.sensors.base import Sensor
-from uwserver.sensors.job import Begun, Job
+from uwserver.sensors.job import PendingMeasurement, Job
 
 
 class SlowConfig(SensorTable, tag="slow", kw_only=True, frozen=True):
@@ -75,7 +75,7 @@ class Slow(Sensor):
         z = scope.p_NB[2]
         seed = int(self.rng.integers(1 << 62))
         job = Shot(seed, z, self.memory.level, self.config.fails)
-        return Begun([z, None], True, delay_ns=round(1e9 * self.config.delay_s), job=job)
+        return PendingMeasurement([z, None], True, delay_ns=round(1e9 * self.config.delay_s), job=job)
 
 
 SENSORS = [SlowConfig]

@@ -1,9 +1,9 @@
 """Readings that take time: a tick begins them, a thread of the world computes them, and they are delivered when the device would have them.
 
-Such a sensor sets `takes_time`, and its `sense` returns a `Begun`. This takes microseconds. A `Begun` has the numbers of the reading, which are
+Such a sensor sets `takes_time`, and its `sense` returns a `PendingMeasurement`. This takes microseconds. A `PendingMeasurement` has the numbers of the reading, which are
 known at once; the delay until the delivery (at least one tick); and a `Job`, which has everything that it needs of that instant. Because the world
 goes on, a job keeps `Scope.still`, a seed drawn from the sensor's `rng`, and the settings, and never looks at the sensor again. Its result is the
-values that are no numbers (buffers, texts: `Columns.loose`), in the order of the fields. In the `Begun` they are None.
+values that are no numbers (buffers, texts: `Columns.loose`), in the order of the fields. In the `PendingMeasurement` they are None.
 
 In free-run, in lock-step and in-process, the tick in which a reading is due waits for it, so the bits are the same in all these modes. In real
 time no tick waits: a reading is dropped if it is not ready when it is due, or if the reading before it is still being computed when it begins. The
@@ -70,7 +70,7 @@ class _Nothing(Job):
 
 
 @dataclass(slots=True)
-class Begun(Measurement):
+class PendingMeasurement(Measurement):
     """A reading that is being computed.
 
     Attributes:
@@ -82,7 +82,7 @@ class Begun(Measurement):
 
 def finished(reading: Measurement, fields: tuple[Field, ...]) -> Measurement:
     """Return the complete reading. If it was only begun, it is computed now; for sensors that are used outside a world."""
-    if not isinstance(reading, Begun):
+    if not isinstance(reading, PendingMeasurement):
         return reading
     values = list(reading.values)
     for k, value in zip(columns_of(fields).loose, reading.job.run(), strict=True):

@@ -16,7 +16,7 @@ from uwserver.ports.checks import check_values
 from uwserver.sensors import Scope, Sensor
 from uwserver.sensors.base import blank
 from uwserver.sensors.compiled import CompiledSensor
-from uwserver.sensors.job import Begun
+from uwserver.sensors.job import PendingMeasurement
 from uwserver.sensors.wiring import Wiring
 from uwserver.step.streams import HELD
 from uwserver.world.components import Held, SensorState, SensorStream
@@ -250,7 +250,7 @@ class SensorSlot(Part):
 
     def _loose_of(self, reading: Measurement) -> Loose:
         columns = self.streams[0].columns
-        if isinstance(reading, Begun):
+        if isinstance(reading, PendingMeasurement):
             return self._here.sensor_arrays.computing.work(reading.job, columns.loose_of(blank(self.fields)))
         return columns.loose_of(reading.values)
 

@@ -6,7 +6,7 @@ import pytest
 
 from uwserver.modifiers import Measurement
 from uwserver.ports import Field, Value
-from uwserver.sensors.job import Begun, Job, Pieces, finished, whole
+from uwserver.sensors.job import Job, PendingMeasurement, Pieces, finished, whole
 
 FIELDS = (Field("name", "1", "", type="str"), Field("x", "m", ""), Field("image", "1", "", type="buffer"))
 
@@ -20,9 +20,9 @@ class Gives(Job):
 
 
 def test_values_go_where_they_belong_and_the_job_is_gone() -> None:
-    reading = finished(Begun([None, 2.0, None], True, delay_ns=7, job=Gives("a", "b")), FIELDS)
+    reading = finished(PendingMeasurement([None, 2.0, None], True, delay_ns=7, job=Gives("a", "b")), FIELDS)
     assert (reading.values, reading.valid, reading.delay_ns) == (["a", 2.0, "b"], True, 7)
-    assert isinstance(reading, Begun)
+    assert isinstance(reading, PendingMeasurement)
     assert reading.job.run() == ()
 
 
@@ -47,4 +47,4 @@ def test_a_reading_without_a_job_is_finished() -> None:
 
 def test_a_job_that_gives_too_few_is_a_fault() -> None:
     with pytest.raises(ValueError, match="shorter"):
-        finished(Begun([None, 2.0, None], True, job=Gives("a")), FIELDS)
+        finished(PendingMeasurement([None, 2.0, None], True, job=Gives("a")), FIELDS)

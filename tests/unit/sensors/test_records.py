@@ -23,7 +23,7 @@ from uwserver.scenario.load.scenario import load
 from uwserver.sensors import BatteryConfig, DvlConfig, LblConfig, Pose, Scope, Sensor, Settings
 from uwserver.sensors.acoustic.doppler.dvl import DvlMemory, DvlSettings
 from uwserver.sensors.acoustic.positioning.interrogation import Beacon, Exchange
-from uwserver.sensors.job import Begun
+from uwserver.sensors.job import PendingMeasurement
 from uwserver.sensors.onboard.battery import BatteryMemory
 from uwserver.world import World
 from uwserver.world.sensor_slot import SensorSlot
@@ -118,7 +118,7 @@ def records(present: Memory | Settings, component: Any, rng: np.random.Generator
 def harmless(reading: Measurement | None) -> None:
     if reading is None:
         return
-    if isinstance(reading, Begun):
+    if isinstance(reading, PendingMeasurement):
         reading.job.run()
     for number in (reading.delay_ns, reading.stamp_ns, reading.since_ns):
         assert abs(number) < 2**63, reading

@@ -19,7 +19,7 @@ from uwserver.sensors.acoustic.imaging import kernels, speckle
 from uwserver.sensors.acoustic.imaging.swath import Swath
 from uwserver.sensors.acoustic.receiver import Echoes, Noise, Paths, Pulse, Ranges, Water, gain_over_range, ranges
 from uwserver.sensors.base import Distance, Gain, Pose, Scope, Settings, earlier
-from uwserver.sensors.job import Begun, Job
+from uwserver.sensors.job import Job, PendingMeasurement
 from uwserver.sensors.traits import BYTES_OF_BIN, Traits
 from uwserver.table import NonNegative, Positive
 from uwserver.units import NANOSECONDS
@@ -241,7 +241,7 @@ class PingingSonar(Sonar):
         noise = self._noise(scope, p, poses[0][:, 0], divided, c)
         seen = scope if table.sees_own_vehicle else scope.without_own_body()
         instant = Instant(seen.still(with_vehicles=False), p, poses, divided, water, noise)
-        return Begun(values, True, delay_ns=delay, job=_Compute(partial(compute, instant, *given)))
+        return PendingMeasurement(values, True, delay_ns=delay, job=_Compute(partial(compute, instant, *given)))
 
     def _poses(self, scope: Scope, duration: float) -> tuple[FloatArray, ...]:
         """Return the rotation matrix of the swath at the start, and at the end of a ping if the sonar turns during it."""

@@ -13,7 +13,7 @@ from uwserver.frames import Vec3, multiply, quat_from_rpy, rotate
 from uwserver.modifiers.base import NEVER, Measurement, Memory, Number, Time
 from uwserver.ports import Argument, Buffer, Field, Layout, Value
 from uwserver.sensors.base import Pose, Scope, Sensor, Settings, Traits, blank, earlier
-from uwserver.sensors.job import Begun, Job, Pieces, whole
+from uwserver.sensors.job import Job, PendingMeasurement, Pieces, whole
 from uwserver.sensors.optical.camera import electronics
 from uwserver.sensors.optical.camera.config import CameraTable, gain_of
 from uwserver.sensors.optical.camera.view import Pose as Place
@@ -198,7 +198,7 @@ class Camera(Sensor):
         numbers: list[Value] = (
             [None, None, None] if config.mode == "segmentation" else [None, memory.exposure, memory.gain]
         )
-        return Begun(numbers[: len(self.fields)], True, self._delay_ns(memory.exposure), job=job)
+        return PendingMeasurement(numbers[: len(self.fields)], True, self._delay_ns(memory.exposure), job=job)
 
     def _delay_ns(self, exposure: float) -> int:
         """Return the time from the middle of the exposure to the end of the read-out."""
