@@ -65,7 +65,7 @@ from uwserver.adapter.refusals import CannotServe, Refusals, did_you_mean
 from uwserver.adapter.salvage import json_member, msgpack_member
 from uwserver.adapter.serial_port import SerialPort
 from uwserver.adapter.threads import Inbox, InOrder, Worker
-from uwserver.adapter.turns import Chores, DatagramTurns, InputTurns
+from uwserver.adapter.turns import BackgroundWork, DatagramTurns, InputTurns
 from uwserver.adapter.values import SampleForm, in_pieces, raw_field
 from uwserver.adapter.world import VehicleFacts, WorldFacts
 from uwserver.modifiers.choosing import NOBODY, NOT_BEGUN, UNKNOWN, NotMet, choose
@@ -95,9 +95,9 @@ __all__ = [
     "AdapterNotFound",
     "AdapterStats",
     "AdapterTable",
+    "BackgroundWork",
     "CannotListen",
     "CannotServe",
-    "Chores",
     "Connection",
     "Conversation",
     "DatagramTurns",

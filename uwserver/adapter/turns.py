@@ -17,7 +17,7 @@ from uwserver.adapter.limits import TurnTimes
 log = logging.getLogger(__name__)
 
 REST_S = 0.004
-"""Wall time between two turns of `Chores` and `InputTurns`."""
+"""Wall time between two turns of `BackgroundWork` and `InputTurns`."""
 WAITING = 128 << 10
 """Bytes of one sender that may wait for their turn."""
 WAITING_OF_ALL = 4 << 20
@@ -124,7 +124,7 @@ class DatagramTurns:
             self._current = None
 
 
-class Chores:
+class BackgroundWork:
     """Does pieces of work, such as a long answer or the clean-up after a client that is gone, one after the other on the running loop."""
 
     def __init__(self) -> None:

@@ -11,7 +11,7 @@ from typing import Protocol
 
 from uwserver.adapter import (
     AdapterContext,
-    Chores,
+    BackgroundWork,
     Conversation,
     EncodingName,
     Owed,
@@ -105,7 +105,7 @@ class Requests:
         self._context, self._keys, self._codecs = context, keys, codecs
         self._default: EncodingName = default
         self._call_timeout_s, self._tell, self._refresh_matching = call_timeout_s, tell, refresh_matching
-        self._chores = Chores()
+        self._background = BackgroundWork()
         self._owed = Owed()
         self._strangers = Conversation(context, UNNAMED, self._owed)
         self._clients: dict[str, Conversation] = {}
@@ -188,7 +188,7 @@ class Requests:
         key = question.key
         if "*" in key:
             self._refresh_matching()
-            self._chores.add(self._ask_all(question, codec))
+            self._background.add(self._ask_all(question, codec))
         elif key == self._keys.describe:
             self._refresh_matching()
             self._reply(question, codec, self._context.describe(question.parameters.get("pattern") or "**"))
@@ -242,7 +242,7 @@ class Requests:
         Raises:
             Refused: too many requests wait already.
         """
-        self._context.read(paths, lambda samples: self._chores.add(self._last_values(question, samples)), UNNAMED)
+        self._context.read(paths, lambda samples: self._background.add(self._last_values(question, samples)), UNNAMED)
 
     def _last_values(self, question: Question, samples: Sequence[Sample]) -> Iterator[None]:
         """Answer with the last samples, in pieces, and end."""
@@ -347,5 +347,5 @@ class Requests:
         """Cancel all calls and forget all clients."""
         for client in list(self._clients):
             self.client_left(client)
-        self._chores.close()
+        self._background.close()
         self._strangers.end_calls()

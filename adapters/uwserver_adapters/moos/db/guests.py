@@ -7,7 +7,7 @@ import logging
 import socket
 from collections.abc import Iterator
 
-from uwserver.adapter import AdapterContext, Chores, Connection, Peers, Refusals
+from uwserver.adapter import AdapterContext, BackgroundWork, Connection, Peers, Refusals
 from uwserver.ports import Fault
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.clock import DatabaseClock, warp_of
@@ -70,7 +70,7 @@ class Community:
         steady, warp = self._loop.time, self.clock.warp
         self.database = Database(config.community, self.clock.now, config.max_variables, lambda: steady() * warp)
         self.peers: Peers[Guest] = Peers(config.max_clients, Refusals(context.name, context.stats, steady))
-        self._chores = Chores()
+        self._background = BackgroundWork()
         self.names = {own_name, self.database.name}
         self._with_mail: list[Guest] = []
         self._sending: asyncio.Handle | None = None
@@ -84,7 +84,7 @@ class Community:
     def left(self, guest: Guest) -> None:
         """Remove a client."""
         self.names.remove(guest.name)
-        self._chores.add(self.database.leave(guest.name))
+        self._background.add(self.database.leave(guest.name))
         self.context.stats.peers -= 1
 
     def has_mail(self, guest: Guest) -> None:
@@ -104,7 +104,7 @@ class Community:
         """Send nothing more."""
         if self._sending is not None:
             self._sending.cancel()
-        self._chores.close()
+        self._background.close()
 
 
 class Guest(Connection):

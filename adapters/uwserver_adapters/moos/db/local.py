@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterator, Sequence
 
-from uwserver.adapter import AdapterContext, Chores, serving
+from uwserver.adapter import AdapterContext, BackgroundWork, serving
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.alog import Alog
 from uwserver_adapters.moos.bridge.bridge import Bridge, Pairs
@@ -41,7 +41,7 @@ class LocalClient:
         self._database = database
         self._clock = clock
         self._mail: list[tuple[str, float | str | bytes, str, float]] = []
-        self._chores = Chores()
+        self._background = BackgroundWork()
         steady = asyncio.get_running_loop().time
         self.bridge = Bridge(table, context, self._post, self._listen, OWN_NAME, steady)
         # The log comes after the bridge: a table that does not fit is tried again and again, and should leave no file each time.
@@ -68,7 +68,7 @@ class LocalClient:
                     attend()
                     await asyncio.sleep(TELL_S)
         finally:
-            self._chores.close()
+            self._background.close()
             self.bridge.close()
             if self._alog is not None:
                 self._alog.close()
@@ -87,9 +87,9 @@ class LocalClient:
         if message.src == OWN_NAME:
             return
         self._mail.append((message.key, message.value, message.src, message.time))
-        if not self._chores:
+        if not self._background:
             # In the next turn of the loop: writes of one packet take effect together.
-            self._chores.add(self._take())
+            self._background.add(self._take())
 
     def _take(self) -> Iterator[None]:
         while self._mail:

@@ -129,7 +129,7 @@ class MoosTextAdapter(AdapterBase[MoosTextConfig]):
             finally:
                 if line is not None:
                     line.port.close()
-                users.chores.close()
+                users.background.close()
 
     def _connection(self) -> TextConnection:
         self._last_number += 1

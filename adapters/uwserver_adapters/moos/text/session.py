@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 
 import msgspec
 
-from uwserver.adapter import AdapterContext, Chores, RateMeter
+from uwserver.adapter import AdapterContext, BackgroundWork, RateMeter
 from uwserver.ports import Refused
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.bridge.bridge import CALLS_PER_S
@@ -41,7 +41,7 @@ class Users:
         config, context: of the adapter.
         clock: time of the variables, s since 1970.
         database: the variables.
-        chores: what is done later, in pieces.
+        background: what is done later, in pieces.
     """
 
     def __init__(self, config: MoosTextConfig, context: AdapterContext) -> None:
@@ -49,7 +49,7 @@ class Users:
         self.context = context
         self.clock = DatabaseClock(1.0)
         self.database = Database("text", self.clock.now, config.max_variables, asyncio.get_running_loop().time)
-        self.chores = Chores()
+        self.background = BackgroundWork()
         self._sessions: dict[str, TextSession] = {}
 
     def joined(self, session: TextSession) -> None:
@@ -61,7 +61,7 @@ class Users:
     def left(self, session: TextSession) -> None:
         """Remove a user."""
         del self._sessions[session.name]
-        self.chores.add(self.database.leave(session.name))
+        self.background.add(self.database.leave(session.name))
         self.context.stats.peers = len(self._sessions)
 
     def tell_error(self, letter: Letter) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from uwserver.adapter import Chores, InputTurns, turns
+from uwserver.adapter import BackgroundWork, InputTurns, turns
 
 
 def _steps(said: list[str], name: str, count: int) -> Iterator[None]:
@@ -22,7 +22,7 @@ def test_one_after_the_other_with_turns_of_others_between(monkeypatch: pytest.Mo
 
     async def scene() -> None:
         said: list[str] = []
-        jobs = Chores()
+        jobs = BackgroundWork()
         jobs.add(_steps(said, "a", 3))
         jobs.add(_steps(said, "b", 2))
         assert said == [], "not before its turn"
@@ -47,7 +47,7 @@ def test_a_fault_ends_only_that_one(caplog: pytest.LogCaptureFixture) -> None:
 
     async def scene() -> None:
         said: list[str] = []
-        jobs = Chores()
+        jobs = BackgroundWork()
         jobs.add(bad())
         jobs.add(_steps(said, "a", 1))
         while len(jobs):
@@ -61,7 +61,7 @@ def test_a_fault_ends_only_that_one(caplog: pytest.LogCaptureFixture) -> None:
 def test_closed_it_does_nothing_more() -> None:
     async def scene() -> None:
         said: list[str] = []
-        jobs = Chores()
+        jobs = BackgroundWork()
         jobs.add(_steps(said, "a", 1))
         jobs.close()
         await asyncio.sleep(0.01)
