@@ -15,7 +15,7 @@ from uwserver.physics.collision.ways import WaysOut
 from uwserver.physics.geometry.rows import Stock
 from uwserver.physics.geometry.shapes import Solid
 from uwserver.physics.kernel.arrays import FloatArray
-from uwserver.physics.rays.casting import Instant, Met, Rays, Still
+from uwserver.physics.rays.casting import Instant, Rays, RayTargets, Still
 from uwserver.physics.rays.raycast import Hits
 from uwserver.physics.rays.surfaces import Surfaces
 
@@ -95,9 +95,9 @@ class Scene:
         assert self._finding is not None
         return self._finding
 
-    def met(self) -> Met:
-        """See `Rays.met`."""
-        return self._rays.met()
+    def ray_targets(self) -> RayTargets:
+        """See `Rays.ray_targets`."""
+        return self._rays.ray_targets()
 
     def raycast(self, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
         """As `geometry.Geometry`, where the bodies are now."""

@@ -154,7 +154,7 @@ def solid_kernels() -> None:
     rays.add_moving(1, ball, 0)
     start, down, met = np.array([[-0.5, -0.5, -1.0]]), np.array([[0.0, 0.0, 1.0]]), no_hits(1)
     hit = rays.at(state).raycast(start, down, 10.0)
-    meeting.meet(rays.met().table, start, down, 10.0, state, np.zeros(0, np.int64), *met)
+    meeting.meet(rays.ray_targets().table, start, down, 10.0, state, np.zeros(0, np.int64), *met)
     with solids:
         solids.add_static(ground)
         solids.add_moving(ball, 0)

@@ -25,7 +25,7 @@ from uwserver.world.ticks import Ticks
 from uwserver.world.timetable import Timetable, timetable_of
 
 if TYPE_CHECKING:  # importing them imports numba
-    from uwserver.physics.rays.casting import Met
+    from uwserver.physics.rays.casting import RayTargets
     from uwserver.physics.scene import Scene
 
 _NO_TABLE: IntArray = np.zeros((0, 2), np.int64)
@@ -104,23 +104,23 @@ class StepTable:
         autopilots, sensor_arrays, hydro, solids = self.pilots.arrays, self.sensor_arrays, self.hydro, self.sensor_arrays.solids
         return (
             hydro.table, sensor_arrays.surroundings, sensor_arrays.heads.rows, self.sensing.groups, None if autopilots is None else autopilots.table,
-            hydro.collider, hydro.touching, hydro.contact_nu_dot, self.finding(), solids, self._met(solids),
+            hydro.collider, hydro.touching, hydro.contact_nu_dot, self.finding(), solids, self._ray_targets(solids),
         )  # fmt: skip
 
     def finding(self) -> Finding | None:
         """Return how contacts are found; None if there can be none, or compiled code cannot find them."""
         return self.scene.finding() if self.scene is not None and self.scene is self.hydro.collider else None
 
-    def _met(self, solids: Geometry) -> Met | None:
+    def _ray_targets(self, solids: Geometry) -> RayTargets | None:
         """Return the surfaces at which rays are cast; None if no sensor casts rays, or there is nothing to meet."""
-        is_met = self.sensing.casts_rays and self.scene is solids
-        return self.scene.met() if is_met and self.scene is not None else None
+        has_targets = self.sensing.casts_rays and self.scene is solids
+        return self.scene.ray_targets() if has_targets and self.scene is not None else None
 
     def _tabulate(self) -> None:
         from uwserver.step import delivery
 
         hydro, sensor_arrays, autopilots = self.hydro, self.sensor_arrays, self.pilots.arrays
-        met = self._met(sensor_arrays.solids)
+        targets = self._ray_targets(sensor_arrays.solids)
         self.timetable = made = timetable_of(self.sensing.groups, sensor_arrays)
         sensor_arrays.follow_contacts()
         self._kept = self._dependencies()
@@ -130,7 +130,7 @@ class StepTable:
         no_drifts, no_intervals = np.zeros((0, 2, 3)), np.zeros(0, np.int64)
         drifts, intervals = (no_drifts, no_intervals) if sea is None else (sea.ends, sea.intervals)
         finding = self.finding() or NO_FINDING
-        cast, solids = (0, _NO_TABLE) if met is None else met[:2]
+        cast, solids = (0, _NO_TABLE) if targets is None else targets[:2]
         codes = entries.codes(hydro.is_fitted, hydro.collider is not None)
         course = np.zeros(1, rows.COURSE)
         last_round = max((group.round for group in self.sensing.groups), default=rows.WHEN_DUE)

@@ -1,7 +1,7 @@
 """Rays against everything solid in a world: the engine of all ranging sensors.
 
 Half-spaces and moving solids of few triangles are intersected one by one, exactly. For all else it is found which triangle a ray meets first: for
-sensors that compiled code reads by a tree (`met`), so that they cost no stop of a tick; for those in Python, which cast many rays at a time, by a
+sensors that compiled code reads by a tree (`ray_targets`), so that they cost no stop of a tick; for those in Python, which cast many rays at a time, by a
 picker (`surfaces`), which is quicker then. Range and normal are computed from the triangle in float64, and each surface is kept about an origin near
 it. That of what never moves is the nearest point of a fixed lattice, so that something far away changes no range, not in its last bit. What moves
 has a surface in its own frame, shared by equal solids, and only rays that pass it go there. Imported only when a world has something solid.
@@ -65,7 +65,7 @@ def _meet_code() -> int:
     return address_of(kernel, "none")
 
 
-class Met(NamedTuple):
+class RayTargets(NamedTuple):
     """What compiled code casts rays at (`meeting.meet`).
 
     Attributes:
@@ -115,7 +115,7 @@ class Rays:
         self._still: tuple[Surface, ...] | None = None
         self._simple: tuple[Simple, IntArray] | None = None
         self._others: dict[int, tuple[Simple, IntArray]] = {}
-        self._met: Met | None = None
+        self._ray_targets: RayTargets | None = None
 
     def add_static(self, body: int, solid: Solid) -> None:
         """Add something that never moves. Raises BadSolid."""
@@ -157,17 +157,17 @@ class Rays:
         ]
         return _cast(table, self._still or (), moving, state, rays)
 
-    def met(self) -> Met:
+    def ray_targets(self) -> RayTargets:
         """What compiled code needs to cast rays, the same object until something comes or goes."""
         simple, _ = self._simple_without(NOBODY)
-        if self._met is None:
+        if self._ray_targets is None:
             still = [(surface.table.ctypes.data, -1, -1) for surface in self._still or ()]
             moving = [
                 (c.surface.table.ctypes.data, body, c.row) for body, c in self._moving.items() if c.surface is not None
             ]
             rows = {**simple._asdict(), "placed": np.array([*still, *moving], meeting.PLACED)}
-            self._met = Met(_meet_code(), addresses(meeting.SOLID, rows), rows)
-        return self._met
+            self._ray_targets = RayTargets(_meet_code(), addresses(meeting.SOLID, rows), rows)
+        return self._ray_targets
 
     def still(self, state: FloatArray, without: int = NOBODY) -> Still:
         """The solids as they are now, where this state (n, 13) puts them, for one other thread; not those of the row `without`. The first after a
@@ -214,7 +214,7 @@ class Rays:
                 first += len(each[-1])
             rows.append((body, row, *places[key]))
         self._others.clear()
-        self._met = None
+        self._ray_targets = None
         simple = Simple(planes(self._static.items()), np.array(rows, CARRIED), np.concatenate(each))
         table = addresses(hits.SIMPLE, simple._asdict())
         self._simple = simple, table

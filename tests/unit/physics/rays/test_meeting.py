@@ -36,7 +36,7 @@ def bumps(n: int = 40) -> TriangleMesh:
 
 def met(rays: Rays, origin: FloatArray, direction: FloatArray, limit: float, past: IntArray = NOBODYS) -> Hits:
     hits = no_hits(len(origin))
-    meet(rays.met().table, origin, direction, limit, STATE, past, *hits)
+    meet(rays.ray_targets().table, origin, direction, limit, STATE, past, *hits)
     return hits
 
 
@@ -88,8 +88,8 @@ def test_what_comes_and_goes_is_met_and_not_met() -> None:
     over = np.array([[2.0, -1.0, 0.0]])
     assert met(rays, over, down, 50.0).body.tolist() == [-1]
     rays.add_moving(3, Solid("ball", (Placed(ball()),)), 0)
-    first = rays.met()
-    assert rays.met() is first
+    first = rays.ray_targets()
+    assert rays.ray_targets() is first
     assert met(rays, over, down, 50.0).body.tolist() == [3]
     rays.remove(3)
     assert met(rays, over, down, 50.0).body.tolist() == [-1]
