@@ -15,7 +15,6 @@ from uwserver.ports.told import Origin, Told
 from uwserver.sensors.compiled import CompiledSensor
 from uwserver.step.streams import ENTRY, HEARD, KEPT, LARGE, NEVER, READ, SMALL
 from uwserver.units import NANOSECONDS
-from uwserver.world.by_hand import ByHand
 from uwserver.world.components import SensorStream
 from uwserver.world.computing import DROP, wait_for_values
 from uwserver.world.on_their_way import WAY, OnTheirWay
@@ -36,7 +35,7 @@ class Sensing(Part):
     Attributes:
         numbers: numbers of the streams, by port.
         groups: sensors that are due together; a new list whenever other sensors are due.
-        by_hand: the Python work for the sensors that are due.
+        python_readings: the Python work for the sensors that are due.
         casts_rays: whether some of them cast rays.
         callable: how many samples can come from the sensors that may be called.
         under_way: readings that take time.
@@ -55,7 +54,7 @@ class Sensing(Part):
         """
         self._slots, self._sensor_arrays = slots, sensor_arrays
         self.groups: list[Group] = []
-        self.by_hand = ByHand({}, sensor_arrays, untimed)
+        self.python_readings = PythonReadings({}, sensor_arrays, untimed)
         self.casts_rays, self.callable = False, 0
         self._listening: list[SensorSlot] = []
         self._placed: dict[SensorSlot, None] = {}
@@ -176,7 +175,7 @@ class Sensing(Part):
         called = [slot for slot in active if slot.sensor.listens or slot.sensor.rouses]
         self.callable = sum(len(slot.streams) for slot in called)
         self.casts_rays = any(slot.sensor.rays for slot in active if isinstance(slot.sensor, CompiledSensor))
-        self.by_hand = ByHand({slot.head: slot for slot in active}, self._sensor_arrays, self._timed)
+        self.python_readings = PythonReadings({slot.head: slot for slot in active}, self._sensor_arrays, self._timed)
 
     @property
     def call_ns(self) -> int:

@@ -203,7 +203,7 @@ class SensorSlot(Part):
         return self.sensor.writing is not None and at_once
 
     def write(self) -> None:
-        """Let a sensor that writes do so, into the arrays. `by_hand._writer` marks whether it is ready."""
+        """Let a sensor that writes do so, into the arrays. `python_readings._writer` marks whether it is ready."""
         if self._fault == "silent":
             return
         rows = self._here

@@ -84,7 +84,7 @@ class Stepping:
             rows.PILOTS: lambda: self._pilots.attend(self._now[1]), rows.FORCES: lambda: take_turns(self.turns.forces, *self._now),
             rows.FIND: given.hydro.find_contacts, rows.DRAW: self._draw, rows.FLOW: self._follow,
             rows.ARRIVALS: lambda: self._sensing.under_way.arrive(self._now[1]),
-            rows.PYTHON: lambda: self._sensing.by_hand.sense(self._due, self._now[1]), rows.WRITE: self._write, rows.KEEP: self._keep,
+            rows.PYTHON: lambda: self._sensing.python_readings.sense(self._due, self._now[1]), rows.WRITE: self._write, rows.KEEP: self._keep,
             rows.ROOM: self._make_room, rows.CALLED: self._call,
         }  # fmt: skip
 
@@ -261,10 +261,10 @@ class Stepping:
 
     def _write(self) -> None:
         self._sensing.take_texts()
-        self._sensing.by_hand.write(self._due)
+        self._sensing.python_readings.write(self._due)
 
     def _keep(self) -> None:
-        for slot in self._sensing.by_hand.keep(self._due):
+        for slot in self._sensing.python_readings.keep(self._due):
             self._sensing.under_way.take(slot, self._now[1])
 
     def _make_room(self) -> None:

@@ -582,7 +582,7 @@ def test_the_state_is_written_from_estimate_memory_and_orders(fly):
     assert [told["position_valid"], told["velocity_valid"]] == [True, True]
     assert (told["mission_index"], told["mission_count"], told["reached"]) == (1, 2, 1)
     slot.fault = "silent"
-    f.world.sensing.by_hand.write(np.array([slot.head]))
+    f.world.sensing.python_readings.write(np.array([slot.head]))
     assert not slot.is_ready
 
 

@@ -11,7 +11,7 @@ import pytest
 from uwserver.ports import Sample
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
-from uwserver.world import World, by_hand, timetable
+from uwserver.world import World, python_readings, timetable
 
 PING = '''
 from uwserver.physics.kernel.deferred import entry
@@ -236,7 +236,7 @@ def test_what_is_repeated_in_compiled_code_is_what_python_repeats(
     resolved = load(file, adapters={})
     told = build(resolved).step(480)
     monkeypatch.setattr(timetable, "is_repeated", lambda slot: False)
-    monkeypatch.setattr(by_hand, "is_repeated", lambda slot: False)
+    monkeypatch.setattr(python_readings, "is_repeated", lambda slot: False)
     other = build(resolved)
     assert other.step(480) == told
     assert other.stops["readings in Python"] >= 240

@@ -46,7 +46,7 @@ class _Work(NamedTuple):
     needs_rates: bool
 
 
-class ByHand:
+class PythonReadings:
     """Does the Python work of a world's sensors. It is made anew whenever other sensors are due."""
 
     def __init__(self, slots: Mapping[int, SensorSlot], sensor_arrays: SensorArrays, timed: Timer) -> None:
