@@ -26,7 +26,7 @@ from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports import Argument, Field, Json, Refused, Value
 from uwserver.sensors.job import finished
-from uwserver.sensors.others import Joint, Latest, Outline, Place, Sight, Standing, Writing
+from uwserver.sensors.others import FixedPlace, Joint, Latest, Outline, Place, Sight, Writing
 from uwserver.sensors.traits import Named as Named
 from uwserver.sensors.traits import Traits as Traits
 from uwserver.sensors.wiring import Wiring
@@ -162,7 +162,7 @@ class Scope:
         still = getattr(self.geometry, "still", None)
         geometry = self.geometry if still is None else still()
         places = self.vehicles.items() if with_vehicles else ()
-        vehicles = {name: Standing(place.p_NB, place.q_NB, place.nu) for name, place in places}
+        vehicles = {name: FixedPlace(place.p_NB, place.q_NB, place.nu) for name, place in places}
         return replace(self, geometry=geometry, vehicles=vehicles, wiring=None)
 
     def without_own_body(self) -> Scope:

@@ -27,7 +27,7 @@ class Place(Protocol):
         """Its velocity, v_NB_B (m/s) and w_NB_B (rad/s)."""
 
 
-class Standing(NamedTuple):
+class FixedPlace(NamedTuple):
     """A `Place` at one instant."""
 
     p_NB: Vec3

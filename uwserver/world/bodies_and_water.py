@@ -49,7 +49,7 @@ class WaterState(State, frozen=True):
     drifts: Annotated[tuple[tuple[bytes, Annotated[tuple[float, ...], Meta(max_length=6)]], ...], Meta(max_length=1024)]
 
 
-class Flowing(Part):
+class WaterPart(Part):
     """The water, whose uniform part drifts."""
 
     path = "world/water"

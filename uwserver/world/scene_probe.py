@@ -16,7 +16,7 @@ from uwserver.world.world import World
 
 
 @runtime_checkable
-class Led(Protocol):
+class ExternalOutputs(Protocol):
     """A part of a body whose actuators are not simulated here: their outputs come from outside."""
 
     def achieved(self, t_ns: int) -> np.ndarray[tuple[int, ...], np.dtype[np.int8]]:
@@ -31,7 +31,7 @@ class Rows(NamedTuple):
         thrusters, servos: rows of the vehicles' actuators.
         full: (m, 2) thrust of each thruster at full command ahead and astern, N, both positive.
         places, servo_places: places of their outputs in `SceneState.achieved`.
-        led: parts with outputs from outside, and where their outputs begin.
+        external: parts with outputs from outside, and where their outputs begin.
         total: number of outputs.
     """
 
@@ -41,7 +41,7 @@ class Rows(NamedTuple):
     full: FloatArray
     places: IntArray
     servo_places: IntArray
-    led: tuple[tuple[Led, int], ...] = ()
+    external: tuple[tuple[ExternalOutputs, int], ...] = ()
     total: int = 0
 
 
@@ -92,7 +92,7 @@ def rows_of(hydro: Hydrodynamics, members: tuple[Member, ...], vehicles: int) ->
     servos: list[tuple[int, int]] = []
     full: list[tuple[float, float]] = []
     count = 0
-    led: list[tuple[Led, int]] = []
+    external: list[tuple[ExternalOutputs, int]] = []
     for member, row in zip(members[:vehicles], bodies[:vehicles].tolist(), strict=True):
         params, body = hydro.params[row], hydro.bodies[row]
         first, first_servo = int(body["thruster_first"]), int(body["servo_first"])
@@ -104,13 +104,13 @@ def rows_of(hydro: Hydrodynamics, members: tuple[Member, ...], vehicles: int) ->
             servos.append((first_servo + k, count))
             count += 1
         for part in member.others:
-            if isinstance(part, Led):
-                led.append((part, count))
+            if isinstance(part, ExternalOutputs):
+                external.append((part, count))
                 count += len(part.achieved(0))
     thruster_rows, places = np.array(thrusters, np.int64).reshape(-1, 2).T
     servo_rows, servo_places = np.array(servos, np.int64).reshape(-1, 2).T
     whole = np.array(full, np.float64).reshape(-1, 2)
-    return Rows(bodies, thruster_rows, servo_rows, whole, places, servo_places, tuple(led), count)
+    return Rows(bodies, thruster_rows, servo_rows, whole, places, servo_places, tuple(external), count)
 
 
 def full_thrust(thruster: ThrusterParams) -> tuple[float, float]:
@@ -139,7 +139,7 @@ def achieved(hydro: Hydrodynamics, rows: Rows, t_ns: int) -> np.ndarray[tuple[in
         parts[rows.servo_places] = (servos["value"] - low - half) / np.where(half > 0.0, half, 1.0)
     parts = np.nan_to_num(parts, nan=0.0)
     found = np.rint(ACHIEVED_FULL * np.clip(parts, -1.0, 1.0)).astype(np.int8)
-    for part, place in rows.led:
+    for part, place in rows.external:
         told = part.achieved(t_ns)
         found[place : place + len(told)] = told
     return found

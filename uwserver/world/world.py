@@ -17,7 +17,7 @@ from uwserver.ports.crossing import Answers, Posted, TickOutput
 from uwserver.ports.thinning import WHOLE, Thinned
 from uwserver.sensors.base import BOTTOM, SEDIMENT
 from uwserver.sensors.others import Sight
-from uwserver.world.bodies_and_water import Bodies, Flowing
+from uwserver.world.bodies_and_water import Bodies, WaterPart
 from uwserver.world.commands import Commands
 from uwserver.world.components import ActuatorSlot, SensorStream
 from uwserver.world.diverged import Diverged, report
@@ -110,7 +110,7 @@ class World(InProcess):
             lambda path: None if path in self._own_services else self.services.get(path),
         )  # fmt: skip
         self._carry_out = self.requests.carry_out
-        water_parts = Bodies(hydro), Flowing(water, self.set_current)
+        water_parts = Bodies(hydro), WaterPart(water, self.set_current)
         for part in (*water_parts, self._commands, self._pilots, self.sensing):
             self.add(part)
 

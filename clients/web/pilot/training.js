@@ -126,7 +126,7 @@ export class Training {
     this.praise(this.state, value);
     this.state = value;
     const ends = before === "running" && (value.state === "done" || value.state === "failed");
-    // PendingMeasurement anew, ended by hand or by a reset of the world: what was flown can be watched all the same.
+    // Begun anew, ended by hand or by a reset of the world: what was flown can be watched all the same.
     const cut = before === "running" && (value.state === "ready" || value.state === "off");
     if ((ends || cut) && this.frames.length > 1) this.end({ score: Number(value.score), time: Number(value.time), state: cut ? "broken off" : value.state }, cut);
     if (value.state !== "running") this.frames = [];

@@ -8,22 +8,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uwserver.world.bodies_and_water import Bodies, Flowing, WaterState
+from uwserver.world.bodies_and_water import Bodies, WaterPart, WaterState
 from uwserver.world.part import is_awake
 from uwserver.world.world import World
 
 
-def flowing() -> tuple[Flowing, Any, list[Any]]:
+def flowing() -> tuple[WaterPart, Any, list[Any]]:
     """With one drifting current."""
     sea = SimpleNamespace(drifts=(SimpleNamespace(rng=np.random.default_rng(3), ends=np.arange(6.0).reshape(2, 3)),))
     currents = list[Any]()
     water: Any = SimpleNamespace(sea=sea, current=(0.1, 0.2, 0.0))
-    return Flowing(water, currents.append), sea, currents
+    return WaterPart(water, currents.append), sea, currents
 
 
 def test_still_water_keeps_its_current_alone() -> None:
     still: Any = SimpleNamespace(sea=None, current=(0.0, 0.5, 0.0))
-    part = Flowing(still, lambda _: None)
+    part = WaterPart(still, lambda _: None)
     assert not is_awake(part), "nothing of it is done in Python in a tick"
     assert part.save() == WaterState((0.0, 0.5, 0.0), ())
 

@@ -39,7 +39,7 @@ class Motion:
     values: FloatArray
 
 
-class Shown(NamedTuple):
+class ShownActuator(NamedTuple):
     """An actuator of the vehicle's file that viewers show: its name, and for a fin the angle at full output (rad), else 0."""
 
     name: str
@@ -61,7 +61,7 @@ class RecordedMotion:
         motion: outputs in the log, in simulation time; None if it has none.
     """
 
-    def __init__(self, shown: Sequence[Shown], motion: Motion | None) -> None:
+    def __init__(self, shown: Sequence[ShownActuator], motion: Motion | None) -> None:
         self._still = np.zeros(len(shown), np.int8)
         self._t_ns: IntArray = np.zeros(0, np.int64)
         self._rows: Bytes = np.zeros((0, len(shown)), np.int8)
@@ -93,7 +93,7 @@ class LiveMotion:
 
     doc = "Sets the outputs of its thrusters, fins and propellers that viewers show; they exert no force. A value holds for 2 s."
 
-    def __init__(self, shown: Sequence[Shown], now_ns: Callable[[], int]) -> None:
+    def __init__(self, shown: Sequence[ShownActuator], now_ns: Callable[[], int]) -> None:
         """Take the actuators that are shown, at least one, and a function that gives the simulation time, ns."""
         names = ", ".join(each.name for each in shown)
         doc = f"fraction of the full output of each, -1 to 1: {names}"
@@ -117,7 +117,7 @@ class LiveMotion:
         return _bytes(np.array(newest.u)) if is_known else self._still
 
 
-def _rows(shown: Sequence[Shown], motion: Motion) -> Bytes:
+def _rows(shown: Sequence[ShownActuator], motion: Motion) -> Bytes:
     """Return the outputs (n, m) of the actuators of the view; 0 for an actuator that the log does not have."""
     parts = np.zeros((len(motion.t_ns), len(shown)))
     names = {each.name: k for k, each in enumerate(shown)} | {str(k + 1): k for k in range(len(shown))}

@@ -44,7 +44,7 @@ class PoseSource(Protocol):
         """Return the number of poses up to this time."""
 
 
-class Recorded:
+class RecordedPoses:
     """A track that was read before the run.
 
     Args:
@@ -102,7 +102,7 @@ def _limited(name: str, unit: str, doc: str, frame: str, limit: float, size: int
     return Field(name, unit, doc, frame, (size,), minimum=-limit, maximum=limit)
 
 
-class Live:
+class LivePoses:
     """Poses that come as commands to an actuator's port.
 
     Between two poses the body keeps the velocity that came with the newer one, or that follows from both, but for no longer than

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from uwserver.world.external.motion import LiveMotion, Motion, NewestOutputs, RecordedMotion, Shown
+from uwserver.world.external.motion import LiveMotion, Motion, NewestOutputs, RecordedMotion, ShownActuator
 
 S = 1_000_000_000
-SHOWN = (Shown("fore"), Shown("aft"), Shown("rudder", math.radians(30.0)))
+SHOWN = (ShownActuator("fore"), ShownActuator("aft"), ShownActuator("rudder", math.radians(30.0)))
 
 
 def motion(names: tuple[str, ...], kinds: tuple[str, ...], *rows: tuple[float, ...]) -> Motion:

@@ -10,7 +10,7 @@ from uwserver.environment.water import Water
 from uwserver.frames import quat_from_rpy
 from uwserver.sensors.base import Scope
 from uwserver.world.external.ports import Difference, ExternalState
-from uwserver.world.external.pose_source import Live
+from uwserver.world.external.pose_source import LivePoses
 from uwserver.world.external.track import AT_REST, TrackPose
 
 WATER = Water(1025.0, 9.81, 12.0, 101_325.0, (0.0, 0.0, 0.0))
@@ -50,7 +50,7 @@ def test_no_difference_from_what_is_not_there(others):
 
 
 def test_state_tells_the_age_also_when_it_is_nowhere():
-    live = Live(lambda: 100_000_000, TrackPose((0, 0, 0), (1, 0, 0, 0), AT_REST, 0.0))
+    live = LivePoses(lambda: 100_000_000, TrackPose((0, 0, 0), (1, 0, 0, 0), AT_REST, 0.0))
     sensor = ExternalState(live)
     assert sensor.measure(scope(NOWHERE)) == (False, [(None,) * 3, (None,) * 4, (None,) * 3, (None,) * 3, None, 0])
     live.apply(((1.0, 2.0, 3.0), None, None, None, None))

@@ -10,7 +10,7 @@ import pytest
 from uwserver.frames import quat_from_rpy, rpy_from_quat
 from uwserver.ports.checks import checked_command
 from uwserver.ports.values import Port
-from uwserver.world.external.pose_source import Live, NewestPose, Recorded
+from uwserver.world.external.pose_source import LivePoses, NewestPose, RecordedPoses
 from uwserver.world.external.track import AT_REST, PoseTrack, TrackPose
 
 MS = 1_000_000
@@ -22,7 +22,7 @@ class Rig:
 
     def __init__(self, **how) -> None:
         self.t_ns = 0
-        self.live = Live(lambda: self.t_ns, START, **how)
+        self.live = LivePoses(lambda: self.t_ns, START, **how)
         self.port = Port("x/pose", "actuator", "pose", self.live.fields, self.live.doc)
 
     def tell(self, t_ms: int, **value) -> str:
@@ -131,7 +131,7 @@ def test_what_it_remembers_is_all_that_it_goes_on_from():
 
 def test_a_recorded_track_knows_its_age():
     t = np.array([0, 100, 200]) * MS
-    source = Recorded(PoseTrack(t, np.zeros((3, 3)), np.tile([1.0, 0, 0, 0], (3, 1))), "hide", 1.0)
+    source = RecordedPoses(PoseTrack(t, np.zeros((3, 3)), np.tile([1.0, 0, 0, 0], (3, 1))), "hide", 1.0)
     assert source.age_s(-1) is None
     assert source.age_s(150 * MS) == pytest.approx(0.05)
     assert source.age_s(900 * MS) == pytest.approx(0.7)

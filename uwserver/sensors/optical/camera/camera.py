@@ -80,7 +80,7 @@ class CameraMemory(Memory):
     last: Time = NEVER
 
 
-class Film(NamedTuple):
+class CameraParts(NamedTuple):
     """The parts of a camera that never change. All its jobs use them, and share the arrays of the optics."""
 
     config: CameraConfig
@@ -98,9 +98,9 @@ class Shot(Job):
         seed: seed of the noise; 0 for no noise.
     """
 
-    def __init__(self, film: Film, view: View, exposure: float, gain: float, seed: int) -> None:
+    def __init__(self, parts: CameraParts, view: View, exposure: float, gain: float, seed: int) -> None:
         self.view, self.exposure, self.gain, self.seed = view, exposure, gain, seed
-        self._film, self.shared = film, film.optics
+        self._parts, self.shared = parts, parts.optics
 
     def run(self) -> tuple[Value, ...]:
         """Return the picture. For a segmentation, also return which objects it shows, and how much of them."""
@@ -108,7 +108,7 @@ class Shot(Job):
 
     def pieces(self) -> Pieces[tuple[Value, ...]]:
         """Do the same as `run`, in pieces."""
-        config, optics, chip = self._film
+        config, optics, chip = self._parts
         if config.mode == "depth":
             return (Buffer.of((yield from optics.depths(self.view))),)
         if config.mode == "segmentation":
@@ -194,7 +194,7 @@ class Camera(Sensor):
             sight.day, sight.lamps(), scope.water.current, scope.row,
         )  # fmt: skip
         seed = 0 if config.ideal else int(self.rng.integers(1, 1 << 63))
-        job = Shot(Film(config, self._lens(), self._chip), view, memory.exposure, memory.gain, seed)
+        job = Shot(CameraParts(config, self._lens(), self._chip), view, memory.exposure, memory.gain, seed)
         numbers: list[Value] = (
             [None, None, None] if config.mode == "segmentation" else [None, memory.exposure, memory.gain]
         )

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.sensors.optical.camera.faces import blank_faces, smooth_normals
-from uwserver.sensors.optical.camera.textures import BadTexture, Picture, Room, decoded
+from uwserver.sensors.optical.camera.textures import BadTexture, ByteBudget, Picture, decoded
 
 FRD: FloatArray = np.array(((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)))
 """Matrix from the axes of glTF (y up, x forward) to forward, right, down."""
@@ -48,14 +48,14 @@ class GltfModel(NamedTuple):
     faults: tuple[str, ...]
 
 
-def read_glb(data: bytes, room: Room | None = None) -> GltfModel:
-    """Return the contents of a file. Its pictures take bytes of `room`, which all things of a world share; default: all bytes.
+def read_glb(data: bytes, budget: ByteBudget | None = None) -> GltfModel:
+    """Return the contents of a file. Its pictures take bytes of `budget`, which all things of a world share; default: all bytes.
 
     Raises:
         BadGltf: the file has no triangles, or its parts do not fit together.
     """
     try:
-        reader = _Reader(data, Room() if room is None else room)
+        reader = _Reader(data, ByteBudget() if budget is None else budget)
         with np.errstate(all="ignore"):  # numbers that are not finite are refused
             parts = reader.parts()
     except (
@@ -77,7 +77,7 @@ def read_glb(data: bytes, room: Room | None = None) -> GltfModel:
 class _Reader:
     """Reads the nodes of one file."""
 
-    def __init__(self, data: bytes, room: Room) -> None:
+    def __init__(self, data: bytes, budget: ByteBudget) -> None:
         size = struct.unpack_from("<I", data, 12)[0]
         self._told: dict[str, Any] = msgspec.json.decode(data[20 : 20 + size])
         begin = 20 + size
@@ -85,7 +85,7 @@ class _Reader:
         self._binary = data[begin + 8 : begin + 8 + length]
         self.pictures: list[Picture] = []
         self.faults: list[str] = []
-        self._room = room
+        self._budget = budget
         self._numbers: dict[int, int] = {}
         self._values: dict[int, npt.NDArray[Any]] = {}
         self._triangles = self._visited = self._parts = 0
@@ -166,7 +166,7 @@ class _Reader:
             view = self._told["bufferViews"][self._told["images"][source]["bufferView"]]
             begin = view.get("byteOffset", 0)
             try:
-                self.pictures.append(decoded(self._binary[begin : begin + view["byteLength"]], self._room))
+                self.pictures.append(decoded(self._binary[begin : begin + view["byteLength"]], self._budget))
                 self._numbers[source] = len(self.pictures) - 1
             except BadTexture as error:
                 self.faults.append(str(error))

@@ -25,7 +25,7 @@ class BadTexture(ValueError):
     """A picture that cannot be used. The text says why and what to do."""
 
 
-class Room:
+class ByteBudget:
     """Bytes that pictures may still take. Pictures that fail to decode count too, so that bad pictures cost no more than good ones."""
 
     def __init__(self, left: int = MOST_BYTES) -> None:
@@ -39,11 +39,11 @@ class Room:
         self.left -= size
 
 
-def decoded(data: bytes, room: Room) -> Picture:
+def decoded(data: bytes, budget: ByteBudget) -> Picture:
     """Return the pixels of a PNG or JPEG file. The size is checked before they are decoded.
 
     Raises:
-        BadTexture: the file is no such picture or too large, there is no room left, or the library that reads it is not installed.
+        BadTexture: the file is no such picture or too large, there is no budget left, or the library that reads it is not installed.
     """
     try:
         from PIL import Image
@@ -54,7 +54,7 @@ def decoded(data: bytes, room: Room) -> Picture:
             width, height = picture.size
             if width * height > MOST_PIXELS:
                 raise BadTexture(f"a texture of {width} x {height} pixels: at most {MOST_PIXELS}, make it smaller")
-            room.take(3 * width * height)
+            budget.take(3 * width * height)
             return np.asarray(picture.convert("RGB"), np.uint8)
     except BadTexture:
         raise

@@ -13,7 +13,7 @@ from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.sensors.optical.camera.faces import FACE, Paint, blank_faces, floors, solid_faces
 from uwserver.sensors.optical.camera.gltf import BadGltf, GltfModel, read_glb
 from uwserver.sensors.optical.camera.rays import THING, PickScene, Placed, pick_scene
-from uwserver.sensors.optical.camera.textures import Atlas, BadTexture, Picture, Room
+from uwserver.sensors.optical.camera.textures import Atlas, BadTexture, ByteBudget, Picture
 from uwserver.sensors.optical.camera.view import quat_of
 
 LATTICE_M = 1024.0
@@ -57,7 +57,7 @@ class Models:
         self._faces: dict[tuple[int, int], tuple[object, Any, list[Picture]]] = {}
         self._scenes: dict[int, tuple[object, PickScene]] = {}
         self._faults: dict[str, None] = {}
-        self._room = Room()
+        self._budget = ByteBudget()
 
     @property
     def faults(self) -> list[str]:
@@ -74,7 +74,7 @@ class Models:
     def _made(self, seen: VisibleThing) -> tuple[Any, list[Picture]]:
         if seen.looks:
             try:
-                model: GltfModel = read_glb(seen.looks, self._room)
+                model: GltfModel = read_glb(seen.looks, self._budget)
             except BadGltf as error:
                 self._faults[f"{seen.name}: {error}"] = None
             else:

@@ -8,12 +8,12 @@ import pytest
 
 from uwserver.frames import quat_from_rpy
 from uwserver.ports import Port
-from uwserver.world.external.motion import LiveMotion, Shown
-from uwserver.world.external.pose_source import Live
+from uwserver.world.external.motion import LiveMotion, ShownActuator
+from uwserver.world.external.pose_source import LivePoses
 
 LAT, LON = 630_000_000, 100_000_000
 EAST = quat_from_rpy(0.0, 0.0, math.pi / 2)
-POSE = Port("ghost/pose", "actuator", "pose", Live.fields, Live.doc, message="FollowedPose")
+POSE = Port("ghost/pose", "actuator", "pose", LivePoses.fields, LivePoses.doc, message="FollowedPose")
 
 
 @pytest.fixture
@@ -93,7 +93,7 @@ def test_a_vehicle_that_is_not_there_is_told_and_harms_nobody(make_bench):
 
 
 TURNING = Port(
-    "ghost/actuators", "actuator", "actuators", LiveMotion([Shown("t1"), Shown("t2"), Shown("t3")], int).fields, ""
+    "ghost/actuators", "actuator", "actuators", LiveMotion([ShownActuator("t1"), ShownActuator("t2"), ShownActuator("t3")], int).fields, ""
 )
 
 

@@ -12,13 +12,13 @@ from uwserver_adapters.moos.config import BridgeTable
 from uwserver.frames import quat_from_rpy
 from uwserver.ports import Port
 from uwserver.testing import FakeContext
-from uwserver.world.external.pose_source import Live
+from uwserver.world.external.pose_source import LivePoses
 
 REPORT = (
     "NAME=henry,TYPE=kayak,TIME=1252348077.59,X=51.71,Y=-35.50,LAT=43.824981,LON=-70.329755,SPD=2.00,HDG=118.85,DEP=0.50,"
     'LENGTH=3.8,MODE="DRIVE,NOW",TRAJECTORY={X=1,Y=2}'
 )
-POSE = Port("boat/pose", "actuator", "pose", Live.fields, Live.doc, message="FollowedPose")
+POSE = Port("boat/pose", "actuator", "pose", LivePoses.fields, LivePoses.doc, message="FollowedPose")
 
 
 class Bench:

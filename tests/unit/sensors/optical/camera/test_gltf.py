@@ -105,15 +105,15 @@ def test_a_picture_of_many_textures_is_decoded_once(monkeypatch: pytest.MonkeyPa
     looks = read_glb(packed(told, data[20 + size + 8 :]))
     assert len(looks.pictures) == 1
     assert looks.faces["texture"].tolist() == [0] * 60
-    # Pictures of their own take of the room that all things have together; what is beyond it is not even decoded.
+    # Pictures of their own take of the budget that all things have together; what is beyond it is not even decoded.
     told["images"] *= 30
     told["textures"] = [{"source": number} for number in range(30)]
-    room = textures.Room(3 * 2 * 2 * 5)
-    looks = read_glb(packed(told, data[20 + size + 8 :]), room)
+    budget = textures.ByteBudget(3 * 2 * 2 * 5)
+    looks = read_glb(packed(told, data[20 + size + 8 :]), budget)
     assert len(looks.pictures) == 5
     assert len(looks.faults) == 25
     assert "make them smaller" in looks.faults[0]
-    assert room.left == 0
+    assert budget.left == 0
     monkeypatch.setattr(gltf, "_MOST_PICTURES", 29)
     with pytest.raises(BadGltf, match="pictures"):
         read_glb(packed(told, data[20 + size + 8 :]))

@@ -33,4 +33,4 @@ def test_too_many_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_what_is_no_picture_is_refused() -> None:
     with pytest.raises(BadTexture, match="no PNG or JPEG"):
-        textures.decoded(b"GIF89a", textures.Room())
+        textures.decoded(b"GIF89a", textures.ByteBudget())
