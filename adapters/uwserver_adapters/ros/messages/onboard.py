@@ -102,6 +102,6 @@ def clock(ros_port: RosPort) -> Iterator[SensorTopic]:
 
     def make(sample: Sample, utc_ns: int) -> object:
         time = types.stamp(utc_ns)
-        return types.make("sensor_msgs/msg/TimeReference", header=ros_port.header(sample), time_ref=time, ros_port=path)
+        return types.make("sensor_msgs/msg/TimeReference", header=ros_port.header(sample), time_ref=time, source=path)
 
     yield ros_port.sensor_topic("", "sensor_msgs/msg/TimeReference", ros_port.complete(("utc_ns",), make))
