@@ -101,7 +101,10 @@ def things() -> list[VisibleThing]:
     sand = VisibleThing("seabed", Solid("seabed", (Placed(bed),)), Paint([(0.55, 0.47, 0.31)], (SEABED,)))
     return [
         sand,
-        *(VisibleThing(str(k), Solid(str(k), (Placed(s, p, q),)), Paint([c], (t,))) for k, (s, p, q, c, t) in enumerate(rest)),
+        *(
+            VisibleThing(str(k), Solid(str(k), (Placed(s, p, q),)), Paint([c], (t,)))
+            for k, (s, p, q, c, t) in enumerate(rest)
+        ),
     ]
 
 

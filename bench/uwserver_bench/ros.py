@@ -57,7 +57,9 @@ def bench_messages(quick: bool, say: Callable[[str], None]) -> list[Row]:
         return types.cdr(message())
 
     def text() -> object:
-        return published(sensor_topic.name, OutgoingMessage(types, sensor_topic.type, _fail, _SAMPLE, sensor_topic).plain, "none")
+        return published(
+            sensor_topic.name, OutgoingMessage(types, sensor_topic.type, _fail, _SAMPLE, sensor_topic).plain, "none"
+        )
 
     def image() -> object:
         header = types.header(0, "rov/camera")

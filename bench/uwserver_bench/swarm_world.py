@@ -118,7 +118,14 @@ def read(task: Mapping[str, Any]) -> dict[str, object]:
     times = itertools.count(now, NANOSECONDS // RATE_HZ)
 
     compiled_deliver, (*_, run) = straight(delivery.deliver), loops_of(kernel)
-    measured = straight(run), here.heads.rows, here.rows_of(kernel).rows, here.numbers.rows, due["inertial"], here.surroundings
+    measured = (
+        straight(run),
+        here.heads.rows,
+        here.rows_of(kernel).rows,
+        here.numbers.rows,
+        due["inertial"],
+        here.surroundings,
+    )
 
     def deliver(kind: str) -> None:
         here.take_over()

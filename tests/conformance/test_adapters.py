@@ -185,7 +185,9 @@ def _free_port() -> int:
 
 MOOS_PORT = _free_port()
 MOOS_WELCOME = moos.packet([moos.encode(moos.MoosMessage(moos.WELCOME, "", 0.0, moos.ASYNCHRONOUS.encode()))])
-MOOS_HELLO = moos.HELLO + moos.packet([moos.encode(moos.MoosMessage(moos.DATA, moos.ASYNCHRONOUS, data=b"peer", kind="S"))])
+MOOS_HELLO = moos.HELLO + moos.packet(
+    [moos.encode(moos.MoosMessage(moos.DATA, moos.ASYNCHRONOUS, data=b"peer", kind="S"))]
+)
 MOOS_HEAR_ALL = moos.packet([moos.encode(moos.wildcard(moos.WILDCARD_REGISTER, "peer", 0.0, "*"))])
 
 TRUTH_POSE = Port(

@@ -532,7 +532,9 @@ class Player(Target):
             player.octets(json.dumps(dice.tree({"service": "world/pause", "args": {"t_s": 9}})).encode()), player.doubles(*[0.5] * 6) + player.u32(1),
             player.u32(1), dice.bytes(80),
         ))  # fmt: skip
-        message = player.PlayerMessage(device.interface, device.number, dice.one((2, 3)), dice.one((1, 2, 3)), body, 0.5, 7)
+        message = player.PlayerMessage(
+            device.interface, device.number, dice.one((2, 3)), dice.one((1, 2, 3)), body, 0.5, 7
+        )
         data = player.encode(message)
         if dice.below(2):
             events = self._read(dice.pieces(data + data))

@@ -193,7 +193,9 @@ class Watcher:
         if time.monotonic() > self._beat:
             self._beat = time.monotonic() + 1.0
             # MOOSDB delivers mail of its own (DB_EVENT) only when somebody writes something.
-            self._send(MoosMessage(wire.TIMING, wire.TIMING_KEY, 0.0), wire.notify("WATCHING", 1.0, time.time(), "watcher"))
+            self._send(
+                MoosMessage(wire.TIMING, wire.TIMING_KEY, 0.0), wire.notify("WATCHING", 1.0, time.time(), "watcher")
+            )
         with contextlib.suppress(TimeoutError):
             data = self._socket.recv(1 << 16)
             assert data, "the database closed the connection"

@@ -192,7 +192,10 @@ class AutopilotArrays:
         ears = np.full(count, -1, np.int64)
         device = curve = sensor = beacon = 0
         for k, (row, inputs, allocation) in enumerate(zip(self.rows, all_inputs, allocations, strict=True)):
-            own_devices, own_sensors = devices[device : device + len(row.devices)], sensors[sensor : sensor + len(inputs.rows)]
+            own_devices, own_sensors = (
+                devices[device : device + len(row.devices)],
+                sensors[sensor : sensor + len(inputs.rows)],
+            )
             pilots[k] = row.record
             own_devices["curve_first"] = allocation.devices["curve_first"] + curve
             own_sensors["pilot"], own_sensors["beacon_first"], own_sensors["next"] = k, beacon, -1

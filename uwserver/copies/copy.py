@@ -54,7 +54,9 @@ class Copy:
         world.threads.want(1)
         world.hydro.set_team(ALONE, 1)
         sensors = [slot.sensor for slot in world.sensors.values()]
-        self.kernels: dict[int, SensorKernel] = {id(s.kernel): s.kernel for s in sensors if isinstance(s, CompiledSensor)}
+        self.kernels: dict[int, SensorKernel] = {
+            id(s.kernel): s.kernel for s in sensors if isinstance(s, CompiledSensor)
+        }
         self._stateful = [part for part in world.parts.values() if _stateful(part)]
         self._find_arrays()
         self.params = world.hydro.params
@@ -99,9 +101,13 @@ class Copy:
         hydro, sensor_arrays = self.world.hydro, self.world.sensor_arrays
         arrays = [getattr(hydro, name) for name in _RUNNING]
         arrays += [
-            pool.rows for pool in (sensor_arrays.heads, sensor_arrays.streams, sensor_arrays.operations, sensor_arrays.voices)
+            pool.rows
+            for pool in (sensor_arrays.heads, sensor_arrays.streams, sensor_arrays.operations, sensor_arrays.voices)
         ]
-        arrays += [sensor_arrays.numbers.rows, *(sensor_arrays.rows_of(kernel).rows for kernel in self.kernels.values())]
+        arrays += [
+            sensor_arrays.numbers.rows,
+            *(sensor_arrays.rows_of(kernel).rows for kernel in self.kernels.values()),
+        ]
         return arrays
 
     # -- the start ------------------------------------------------------------------------------------------------------------------

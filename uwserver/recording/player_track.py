@@ -1,7 +1,7 @@
 """A recording in the form that can be played: runs between jumps of time, scenes, and messages in the order of time.
 
-Samples and events were written when the loop had them. States and lists of bodies reach the file sooner, and may come before samples of the same time; so they
-wait here until their time has come. Each run between two jumps has its own span of time, and within a run time never goes back.
+Samples and events were written when the loop had them. States and lists of bodies reach the file sooner, and may come before samples of the same
+time; so they wait here until their time has come. Each run between two jumps has its own span of time, and within a run time never goes back.
 """
 
 from __future__ import annotations

@@ -14,8 +14,8 @@ after each jump of time. A message contains
   i8  achieved   m: output of each actuator, in 127ths of the full output (see `uwserver.ports.ActuatorView`)
 ====  =========  ==========================================================================================================
 
-``uwserver/casts`` (JSON, `EntityListRecord`) lists the bodies, ports and services of the world, at the start and at every change. Ports and services are
-written as differences from the record before; otherwise a thousand bodies that are added one by one would cost a million ports.
+``uwserver/casts`` (JSON, `EntityListRecord`) lists the bodies, ports and services of the world, at the start and at every change. Ports and services
+are written as differences from the record before; otherwise a thousand bodies that are added one by one would cost a million ports.
 
 ``uwserver/jumps`` (JSON, `uwserver.ports.Event`) repeats the events ``reset``. A reader finds there the places where the time was set, without
 reading the rest. What has n ``jumps`` belongs to the n-th run between them, counted from 0.
@@ -222,7 +222,9 @@ def read_state(data: bytes, entity_lists: Mapping[int, EntityList]) -> Seen:
         raise ValueError(f"a state of {bodies} bodies and {actuators} actuators cannot have {len(data)} bytes")
     entities = entity_lists.get(revision)
     if entities is None or len(entities.vehicles) + len(entities.objects) != bodies:
-        raise ValueError(f"a state of {bodies} bodies refers to the list of bodies {revision}, which is not in the file")
+        raise ValueError(
+            f"a state of {bodies} bodies refers to the list of bodies {revision}, which is not in the file"
+        )
     poses = np.frombuffer(data, "<f8", bodies * _POSE, _HEAD.size).reshape(bodies, _POSE)
     achieved = np.frombuffer(data, np.int8, actuators, end)
     return Seen(jumps, SceneState(entities, t_ns, poses, achieved, tuple(current)))

@@ -84,7 +84,9 @@ class RecordingWriter:
         self._hashes = self._channel(HASHES, "uwserver.StateHash", schema_of(StateHash))
         self._requests = self._channel(REQUESTS, "uwserver.Request", schema_of(Request))
         self._jumps = self._channel(JUMPS, "uwserver.Event", schema_of(Event))
-        self._entity_lists = self._channel(ENTITY_LISTS, "uwserver.CastRecord", {"title": ENTITY_LISTS, "type": "object"})
+        self._entity_lists = self._channel(
+            ENTITY_LISTS, "uwserver.CastRecord", {"title": ENTITY_LISTS, "type": "object"}
+        )
         layout = self._writer.register_schema("uwserver.State", "text", LAYOUT.encode())
         self._states = self._writer.register_channel(STATES, ENCODING, layout, {})
         self._row_of: dict[int, _Row | None] = {}

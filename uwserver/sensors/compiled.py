@@ -163,7 +163,15 @@ def _shared(run: Deferred) -> Any:
 
     @compiled
     def read_range(
-        first: int, end: int, me: int, heads: Array, rows: Array, numbers: Array, due: Array, surroundings: Array, t: float
+        first: int,
+        end: int,
+        me: int,
+        heads: Array,
+        rows: Array,
+        numbers: Array,
+        due: Array,
+        surroundings: Array,
+        t: float,
     ) -> None:
         part(heads, rows, numbers, due[first:end], surroundings, t)
 
@@ -224,7 +232,14 @@ def codes_of(kernel: SensorKernel) -> tuple[int, ...]:
 
 
 def read(
-    kernel: SensorKernel, heads: Array, rows: Array, numbers: FloatArray, due: IntArray, surroundings: IntArray, t: float, solids: Geometry
+    kernel: SensorKernel,
+    heads: Array,
+    rows: Array,
+    numbers: FloatArray,
+    due: IntArray,
+    surroundings: IntArray,
+    t: float,
+    solids: Geometry,
 ) -> None:
     """Let sensors of a kind read outside a world. In a world `step.readings` does this.
 

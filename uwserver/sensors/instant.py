@@ -195,7 +195,14 @@ def depth_of(surroundings: Array, gauge: float) -> float:
 
 @compiled
 def _point(surroundings: Array, p: Vec3, t: float, point: Array) -> None:
-    water_at(SeaRows(_uniform_at(surroundings), _profiles_at(surroundings), _waves_at(surroundings)), p[0], p[1], p[2], t, point)
+    water_at(
+        SeaRows(_uniform_at(surroundings), _profiles_at(surroundings), _waves_at(surroundings)),
+        p[0],
+        p[1],
+        p[2],
+        t,
+        point,
+    )
 
 
 @compiled
@@ -290,7 +297,11 @@ def supply_voltage(head: Any, surroundings: Array) -> float:
 @compiled
 def supply(head: Any, surroundings: Array, voltage: float) -> None:
     """Set the supply voltage of the vehicle's wired thrusters, V. 0 stops them."""
-    body, electrics, thrusters = _bodies_at(surroundings)[head.body], _electrics_at(surroundings), _thrusters_at(surroundings)
+    body, electrics, thrusters = (
+        _bodies_at(surroundings)[head.body],
+        _electrics_at(surroundings),
+        _thrusters_at(surroundings),
+    )
     for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
         if electrics[k].wired != 0:
             thrusters[k].voltage, thrusters[k].fresh = voltage, 1
@@ -313,7 +324,10 @@ MU_SURFACE = 10.0 ** (0.1 * SURFACE_DB)
 @compiled
 def absorption(surroundings: Array, frequency: float, depth: float) -> float:
     """Return the absorption of sound of a frequency (Hz), dB/m, at a depth (m)."""
-    temperature, salinity = water_property(surroundings, TEMPERATURE, depth), water_property(surroundings, SALINITY, depth)
+    temperature, salinity = (
+        water_property(surroundings, TEMPERATURE, depth),
+        water_property(surroundings, SALINITY, depth),
+    )
     return _absorption(frequency, temperature, salinity, depth, place_of(surroundings).ph)
 
 

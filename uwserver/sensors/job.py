@@ -1,9 +1,10 @@
 """Readings that take time: a tick begins them, a thread of the world computes them, and they are delivered when the device would have them.
 
-Such a sensor sets `takes_time`, and its `sense` returns a `PendingMeasurement`. This takes microseconds. A `PendingMeasurement` has the numbers of the reading, which are
-known at once; the delay until the delivery (at least one tick); and a `Job`, which has everything that it needs of that instant. Because the world
-goes on, a job keeps `Scope.still`, a seed drawn from the sensor's `rng`, and the settings, and never looks at the sensor again. Its result is the
-values that are no numbers (buffers, texts: `Columns.loose`), in the order of the fields. In the `PendingMeasurement` they are None.
+Such a sensor sets `takes_time`, and its `sense` returns a `PendingMeasurement`. This takes microseconds. A `PendingMeasurement` has the numbers of
+the reading, which are known at once; the delay until the delivery (at least one tick); and a `Job`, which has everything that it needs of that
+instant. Because the world goes on, a job keeps `Scope.still`, a seed drawn from the sensor's `rng`, and the settings, and never looks at the sensor
+again. Its result is the values that are no numbers (buffers, texts: `Columns.loose`), in the order of the fields. In the `PendingMeasurement` they
+are None.
 
 In free-run, in lock-step and in-process, the tick in which a reading is due waits for it, so the bits are the same in all these modes. In real
 time no tick waits: a reading is dropped if it is not ready when it is due, or if the reading before it is still being computed when it begins. The

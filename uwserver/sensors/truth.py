@@ -65,7 +65,9 @@ def wrench(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> No
 @compiled
 def flow(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> None:
     """Write the velocity of the water in B."""
-    out[0], out[1], out[2] = rotate(conjugate(q_NB(head, surroundings)), water_velocity(surroundings, p_NB(head, surroundings), t))
+    out[0], out[1], out[2] = rotate(
+        conjugate(q_NB(head, surroundings)), water_velocity(surroundings, p_NB(head, surroundings), t)
+    )
 
 
 class _Exact(CompiledSensor):

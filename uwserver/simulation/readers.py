@@ -88,7 +88,9 @@ class Readers:
         self._seen = state
         self._bus.hand_over(partial(on_state, state))
 
-    def _read_part(self, ports: Sequence[str], first: int, found: list[Sample], on_samples: OnSamples, source: str) -> None:
+    def _read_part(
+        self, ports: Sequence[str], first: int, found: list[Sample], on_samples: OnSamples, source: str
+    ) -> None:
         for path in ports[first : first + AT_ONCE]:
             try:
                 reading = self._world.read(path)

@@ -13,7 +13,9 @@ from uwserver.physics.kernel.layout import Codes, SeaRows
 from uwserver.sensors.surroundings import FORMS as SURROUNDINGS
 from uwserver.step import rows
 
-_course, _run, _world, _surroundings = (array_at(rows.FORMS, name) for name in ("course", "run", "world", "surroundings"))
+_course, _run, _world, _surroundings = (
+    array_at(rows.FORMS, name) for name in ("course", "run", "world", "surroundings")
+)
 _touching, _contact_nu_dot = (array_at(rows.FORMS, name) for name in ("touching", "contact_nu_dot"))
 _nu_dot, _tau = (array_at(rows.FORMS, name) for name in ("nu_dot", "tau"))
 _uniform, _profiles, _waves = (array_at(SURROUNDINGS, name) for name in ("uniform", "profiles", "waves"))

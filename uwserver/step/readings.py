@@ -50,7 +50,9 @@ _shares, _scheduled, _members, _active = (
     array_at(rows.FORMS, name) for name in ("shares", "scheduled", "members", "active")
 )
 _due, _turns, _turn, _place_of = (array_at(rows.FORMS, name) for name in ("due", "turns", "turn", "place"))
-_world, _surroundings, _pilots, _solids = (array_at(rows.FORMS, name) for name in ("world", "surroundings", "pilots", "solids"))
+_world, _surroundings, _pilots, _solids = (
+    array_at(rows.FORMS, name) for name in ("world", "surroundings", "pilots", "solids")
+)
 _origin, _direction, _first, _past = (array_at(rows.FORMS, name) for name in ("origin", "direction", "first", "past"))
 _distance, _normal, _body, _material = (array_at(rows.FORMS, name) for name in Hits._fields)
 _state, _nu_dot, _tau = (array_at(rows.FORMS, name) for name in ("state", "nu_dot", "tau"))

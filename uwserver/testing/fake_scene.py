@@ -15,7 +15,8 @@ _WATER = WaterView(1025.0, 1500.0, (), 0.0, (0.0, 0.0, 0.0), (), "II", (0.4, 0.2
 def bare_scene(entities: EntityList, facts: WorldFacts) -> SceneView:
     """Return a scene with these bodies."""
     vehicles, objects = (
-        tuple(BodyView(body.name, "", body.like, ()) for body in group) for group in (entities.vehicles, entities.objects)
+        tuple(BodyView(body.name, "", body.like, ()) for body in group)
+        for group in (entities.vehicles, entities.objects)
     )
     return SceneView(
         schema=1, revision=entities.revision, scenario=facts.scenario, title="", epoch=facts.epoch_utc, rate_hz=facts.rate_hz,

@@ -20,6 +20,7 @@ from uwserver.world.computing import DROP, wait_for_values
 from uwserver.world.on_their_way import WAY, OnTheirWay
 from uwserver.world.part import Part
 from uwserver.world.profile import Timer, untimed
+from uwserver.world.python_readings import PythonReadings
 from uwserver.world.sensor_arrays import SensorArrays
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.timetable import Group, groups_of
@@ -251,7 +252,9 @@ class Sensing(Part):
         if not row["newest"]:
             return None
         first, width = row["newest_first"], row["width"]
-        values = stream.columns.unpack(self._sensor_arrays.numbers.rows[first : first + width], wait_for_values(stream.newest))
+        values = stream.columns.unpack(
+            self._sensor_arrays.numbers.rows[first : first + width], wait_for_values(stream.newest)
+        )
         return Sample(path, int(row["seq"]), int(row["t_ns"]), int(row["t_sent_ns"]), bool(row["valid"]), values)
 
     # -- state ----------------------------------------------------------------------------------------------------------------------

@@ -60,7 +60,13 @@ class StepTable:
         rate_hz: Fraction,
     ) -> None:
         """Make the table of a world with these bodies, this water, these sensors and autopilots."""
-        self.hydro, self.water, self.sensor_arrays, self.sensing, self.pilots = hydro, water, sensor_arrays, sensing, pilots
+        self.hydro, self.water, self.sensor_arrays, self.sensing, self.pilots = (
+            hydro,
+            water,
+            sensor_arrays,
+            sensing,
+            pilots,
+        )
         self.rate_hz, self.ticks = rate_hz, Ticks(rate_hz)
         self.run: IntArray = np.zeros(len(rows.RUN.names or ()), np.int64)
         self.ends: IntArray = np.zeros(LONGEST, np.int64)
@@ -101,7 +107,12 @@ class StepTable:
 
     def _dependencies(self) -> tuple[object, ...]:
         """Return the objects on which the table depends."""
-        autopilots, sensor_arrays, hydro, solids = self.pilots.arrays, self.sensor_arrays, self.hydro, self.sensor_arrays.solids
+        autopilots, sensor_arrays, hydro, solids = (
+            self.pilots.arrays,
+            self.sensor_arrays,
+            self.hydro,
+            self.sensor_arrays.solids,
+        )
         return (
             hydro.table, sensor_arrays.surroundings, sensor_arrays.heads.rows, self.sensing.groups, None if autopilots is None else autopilots.table,
             hydro.collider, hydro.touching, hydro.contact_nu_dot, self.finding(), solids, self._ray_targets(solids),

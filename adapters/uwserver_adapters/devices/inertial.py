@@ -132,7 +132,9 @@ class InertialDevice:
         ports = context.ports
         self._imu = DeviceInput("imu", table.imu, ports, ("f_S", "w_S"), ("temperature",))
         self._attitude = DeviceInput("attitude", table.attitude, ports, ("q_NS",))
-        self._field = DeviceInput("magnetometer", table.magnetometer, ports, ("field_S",)) if table.magnetometer else None
+        self._field = (
+            DeviceInput("magnetometer", table.magnetometer, ports, ("field_S",)) if table.magnetometer else None
+        )
         self._gps = DeviceInput("gps", table.gps, ports, _FIX, _ACCURACIES) if table.gps else None
         sources = (self._imu, self._attitude, self._field, self._gps)
         self.wanted: Collection[str] = {source.path for source in sources if source is not None}

@@ -71,7 +71,9 @@ class _BeaconSensors:
     def __init__(self, role: str, attitude: str | None, depth: str | None, context: AdapterContext) -> None:
         ports = context.ports
         self._attitude = DeviceInput(f"{role}attitude", attitude, ports, ("q_NS",)) if attitude else None
-        self._depth = DeviceInput(f"{role}depth", depth, ports, ("depth",), ("temperature", "pressure")) if depth else None
+        self._depth = (
+            DeviceInput(f"{role}depth", depth, ports, ("depth",), ("temperature", "pressure")) if depth else None
+        )
         self.wanted = {source.path for source in (self._attitude, self._depth) if source is not None}
         self.local = Local()
 
@@ -262,7 +264,9 @@ class SeaTrac:
             wire.QUERY_ATTITUDE: None if remote.q_NS is None else remote.attitude(),
         }
         told = {bit: data for bit, data in known.items() if awaited.query & bit and data is not None}
-        return encode(SeaTracMessage(wire.NAV_QUERY_RESP, record + bytes((sum(told),)) + b"".join(told.values()) + b"\x01"))
+        return encode(
+            SeaTracMessage(wire.NAV_QUERY_RESP, record + bytes((sum(told),)) + b"".join(told.values()) + b"\x01")
+        )
 
     def _fail(self) -> None:
         """Tell the peer that waits that no answer came."""

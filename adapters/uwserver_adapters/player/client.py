@@ -80,7 +80,9 @@ class Server:
                     continue
                 subtype, body = told
                 self.context.stats.encoded += 1
-                message = PlayerMessage(device.interface, device.number, DATA, subtype, body, self.timestamp(sample.t_ns))
+                message = PlayerMessage(
+                    device.interface, device.number, DATA, subtype, body, self.timestamp(sample.t_ns)
+                )
                 data = wire.encode(message)
                 for client in clients:
                     client.tell(message, data)

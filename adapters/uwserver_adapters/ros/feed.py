@@ -70,7 +70,13 @@ class OutgoingMessage:
         made: object = None,
     ) -> None:  # fmt: skip
         self.type = type_name
-        self._types, self._failed, self._sample, self._sensor_topic, self._made = types, failed, sample, sensor_topic, made
+        self._types, self._failed, self._sample, self._sensor_topic, self._made = (
+            types,
+            failed,
+            sample,
+            sensor_topic,
+            made,
+        )
         self._encoded: dict[object, bytes | None] = {}
 
     def encoded(self, form: object, make: Callable[[], bytes | None]) -> bytes | None:
@@ -313,7 +319,11 @@ class Feed:
 
 
 def command(
-    conversation: Conversation, command_topic: CommandTopic, value: Value, answered: Callable[[Reply], None], source: str = ""
+    conversation: Conversation,
+    command_topic: CommandTopic,
+    value: Value,
+    answered: Callable[[Reply], None],
+    source: str = "",
 ) -> None:
     """Send a command that a command topic made of a message, and note in `CommandTopic.held` what thrusters were told.
 

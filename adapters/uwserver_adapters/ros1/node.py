@@ -176,7 +176,9 @@ class Node:
                 self.complain(f"{topic}: {reply.fault.text}")
 
         try:
-            value = command_topic.value(self.types.from_ros1(data, command_topic.type, self.types.most_bytes(command_topic.type)))
+            value = command_topic.value(
+                self.types.from_ros1(data, command_topic.type, self.types.most_bytes(command_topic.type))
+            )
             command(self._conversation, command_topic, value, answered)
         except (BadMessage, Refused) as error:
             self.complain(f"{topic}: {error}")
@@ -231,7 +233,10 @@ class Node:
                 await ask(self.master, "setParam", node, "/use_sim_time", True)
         catalogue = self.feed.catalogue
         wanted: set[Registration] = {("Publisher", topic, type_name) for topic, type_name in self.topics().items()}
-        wanted |= {("Subscriber", command_topic.name, command_topic.type) for command_topic in catalogue.command_topics.values()}
+        wanted |= {
+            ("Subscriber", command_topic.name, command_topic.type)
+            for command_topic in catalogue.command_topics.values()
+        }
         wanted |= {("Service", offer.name, offer.type) for offer in catalogue.offers.values()}
         for each in sorted(self._registered - wanted):
             await self._unregister(each)

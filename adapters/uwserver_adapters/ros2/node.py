@@ -65,7 +65,9 @@ class Node:
                 self._writers[topic] = (kind, writer)
         # A new catalogue has new functions. What stays under its name and type looks them up when it is used.
         wanted = {(command_topic.name, command_topic.type) for command_topic in catalogue.command_topics.values()}
-        _follow(self._command_topics, wanted, lambda topic, kind: carrier.listen(topic, kind, partial(self._command, topic)))
+        _follow(
+            self._command_topics, wanted, lambda topic, kind: carrier.listen(topic, kind, partial(self._command, topic))
+        )
         if self._config.offers_services:
             self._follow_services()
         # It is always heard: its writer keeps the message for late subscribers.
@@ -128,7 +130,9 @@ class Node:
                 self.refuse(reply.fault.code, f"{topic}: {reply.fault.text}")
 
         try:
-            value = command_topic.value(self.types.from_cdr(data, command_topic.type, self.types.most_bytes(command_topic.type)))
+            value = command_topic.value(
+                self.types.from_cdr(data, command_topic.type, self.types.most_bytes(command_topic.type))
+            )
             command(self.conversation, command_topic, value, answered, source=f"{self._context.name}:{sender}")
         except BadMessage as bad:
             self.refuse("message", f"{topic}: {bad}")

@@ -84,7 +84,9 @@ class Hub:
 
     def topics(self) -> Mapping[str, str]:
         """Return all topics -> type."""
-        command_topics = {topic: command_topic.type for topic, command_topic in self.feed.catalogue.command_topics.items()}
+        command_topics = {
+            topic: command_topic.type for topic, command_topic in self.feed.catalogue.command_topics.items()
+        }
         return {**{topic: kind for topic, (kind, _) in self.advertised.items()}, **command_topics, **self.feed.topics}
 
     def subscribe(self, client: Client, topic: str) -> TopicMessage | None:

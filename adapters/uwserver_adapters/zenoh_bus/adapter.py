@@ -67,7 +67,13 @@ class ZenohAdapter(AdapterBase[ZenohConfig]):
         codecs: dict[EncodingName, Codec] = {"json": Codec("json"), "msgpack": Codec("msgpack")}
         publications = Publications(self.context, session, keys, codecs[config.encoding], sender)
         requests = Requests(
-            self.context, keys, codecs, config.encoding, config.call_timeout_s, publications.tell, publications.refresh_matching
+            self.context,
+            keys,
+            codecs,
+            config.encoding,
+            config.call_timeout_s,
+            publications.tell,
+            publications.refresh_matching,
         )
 
         def inbox(take: Callable[[Any], None]) -> Callable[[Any], None]:

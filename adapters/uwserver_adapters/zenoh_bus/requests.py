@@ -95,7 +95,8 @@ class Requests:
         default: encoding of answers to requests without a payload.
         call_timeout_s: wall time after which a long-running call of an unnamed caller is cancelled, s.
         tell: publishes a message under a key.
-        refresh_matching: finds new subscribers. Declarations overtake queries: a peer that subscribes and then asks misses no sample after the answer.
+        refresh_matching: finds new subscribers. Declarations overtake queries: a peer that subscribes and then asks misses no sample after the
+            answer.
     """
 
     def __init__(

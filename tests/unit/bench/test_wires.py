@@ -33,7 +33,10 @@ class Scripted:
         self.waiting: list[TimedMessage] = []
 
     def send(self, method, params, identity) -> None:
-        self.waiting = [TimedMessage(1, {"method": "sample", "params": {}}), TimedMessage(2, {"id": identity, **self.answer})]
+        self.waiting = [
+            TimedMessage(1, {"method": "sample", "params": {}}),
+            TimedMessage(2, {"id": identity, **self.answer}),
+        ]
 
     def receive(self, timeout_s) -> list[TimedMessage]:
         waiting, self.waiting = self.waiting, []

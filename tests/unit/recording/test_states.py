@@ -99,12 +99,18 @@ def test_a_run_tells_where_its_bodies_are_thirty_times_a_second_and_after_a_jump
         recorder.ticked(world)
     with (tmp_path / "run.mcap").open("rb") as file:
         found = list(make_reader(file).iter_messages(topics=[STATES, ENTITY_LISTS, JUMPS], log_time_order=False))
-    entity_lists = [msgspec.json.decode(m.data, type=EntityListRecord) for _, channel, m in found if channel.topic == ENTITY_LISTS]
+    entity_lists = [
+        msgspec.json.decode(m.data, type=EntityListRecord) for _, channel, m in found if channel.topic == ENTITY_LISTS
+    ]
     assert len(entity_lists) == 1
     assert [port.path for port in entity_lists[0].ports] == list(world.ports)
     assert [record.service for record in entity_lists[0].services] == list(world.services.values())
     assert entity_lists[0].water
-    states = [read_state(m.data, {entity_lists[0].revision: entity_lists[0].entities}) for _, c, m in found if c.topic == STATES]
+    states = [
+        read_state(m.data, {entity_lists[0].revision: entity_lists[0].entities})
+        for _, c, m in found
+        if c.topic == STATES
+    ]
     assert [m.log_time for _, c, m in found if c.topic == JUMPS] == [0]
     assert [seen.jumps for seen in states][-2:] == [0, 1]
     assert 27 <= len(states) - 1 <= 32

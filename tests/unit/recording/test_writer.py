@@ -36,7 +36,8 @@ def parts(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 def entity_lists(path: Path) -> list[EntityListRecord]:
     with path.open("rb") as file:
         return [
-            msgspec.json.decode(m.data, type=EntityListRecord) for _, _, m in make_reader(file).iter_messages(topics=[ENTITY_LISTS])
+            msgspec.json.decode(m.data, type=EntityListRecord)
+            for _, _, m in make_reader(file).iter_messages(topics=[ENTITY_LISTS])
         ]
 
 

@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 from sensor_rig import MOUNT, at, started
+from uwserver.sensors.alone import Alone
 
 from uwserver.modifiers import Measurement
 from uwserver.modifiers.columns import Columns
@@ -26,7 +27,6 @@ from uwserver.sensors import (
     SoundSpeedConfig,
 )
 from uwserver.sensors.acoustic.altimeter import AltimeterMemory
-from uwserver.sensors.alone import Alone
 from uwserver.sensors.compiled import HEAD, read
 from uwserver.sensors.motion.triad import TriadErrors
 from uwserver.sensors.water.sound_speed import SoundSpeedMemory

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sensor_rig import CAST, EARTH, MOUNT, Q, at, full_speed, world_with
+from uwserver.sensors.alone import Alone
 
 from uwserver.environment.column import DENSITY, SALINITY, SOUND_SPEED, TEMPERATURE, WaterColumn
 from uwserver.environment.sea import Sea
@@ -28,7 +29,6 @@ from uwserver.physics.kernel.layout import (
 )  # fmt: skip
 from uwserver.physics.rays.raycast import NOTHING, SURFACE, no_hits
 from uwserver.sensors import instant
-from uwserver.sensors.alone import Alone
 from uwserver.sensors.compiled import HEAD
 
 LAYERS = Water(1023.0, 9.81, 18.0, 101_325.0, (0.3, -0.1, 0.05), given=WaterColumn(CAST, 9.81, 1023.0))

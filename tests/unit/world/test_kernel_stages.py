@@ -25,7 +25,9 @@ def test_every_loop_of_a_sensor_belongs_to_a_stage() -> None:
                 made += [kernel.run, *kernel.aims]
         loops |= {f"{module.name.rpartition('.')[2]}.{kernel.py_func.__qualname__}" for kernel in made}
     kernels = {
-        name.partition("+")[0] for stage in ("sensors", "soundings", "sonars") for name in kernel_stages.kernels_of(stage)
+        name.partition("+")[0]
+        for stage in ("sensors", "soundings", "sonars")
+        for name in kernel_stages.kernels_of(stage)
     }
     assert loops
     assert kernels == loops | {

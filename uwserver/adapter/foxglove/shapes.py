@@ -29,7 +29,13 @@ _CUBE, _SPHERE, _CYLINDER, _TRIANGLES, _MODEL = 8, 9, 10, 12, 14
 
 
 def entity_of(
-    t_ns: int, frame: str, name: str, shapes: Iterable[ShapeView], model_file: ModelFileView | None, meshes: Files, files: Files
+    t_ns: int,
+    frame: str,
+    name: str,
+    shapes: Iterable[ShapeView],
+    model_file: ModelFileView | None,
+    meshes: Files,
+    files: Files,
 ) -> bytes:
     """Encode a thing in its frame: its model if it has one, or else its shapes."""
     found: dict[int, list[bytes]] = {}

@@ -1,10 +1,10 @@
 """Rays against everything solid in a world: the engine of all ranging sensors.
 
 Half-spaces and moving solids of few triangles are intersected one by one, exactly. For all else it is found which triangle a ray meets first: for
-sensors that compiled code reads by a tree (`ray_targets`), so that they cost no stop of a tick; for those in Python, which cast many rays at a time, by a
-picker (`surfaces`), which is quicker then. Range and normal are computed from the triangle in float64, and each surface is kept about an origin near
-it. That of what never moves is the nearest point of a fixed lattice, so that something far away changes no range, not in its last bit. What moves
-has a surface in its own frame, shared by equal solids, and only rays that pass it go there. Imported only when a world has something solid.
+sensors that compiled code reads by a tree (`ray_targets`), so that they cost no stop of a tick; for those in Python, which cast many rays at a time,
+by a picker (`surfaces`), which is quicker then. Range and normal are computed from the triangle in float64, and each surface is kept about an origin
+near it. That of what never moves is the nearest point of a fixed lattice, so that something far away changes no range, not in its last bit. What
+moves has a surface in its own frame, shared by equal solids, and only rays that pass it go there. Imported only when a world has something solid.
 """
 
 from __future__ import annotations

@@ -332,7 +332,9 @@ class _Reading:
             state = read_state(data, self._entity_lists).state
             if not 0 <= state.t_ns <= _LATEST_NS:
                 raise ValueError("the time is out of range")
-            for body, pose in zip((*state.entities.vehicles, *state.entities.objects), state.poses.tolist(), strict=True):
+            for body, pose in zip(
+                (*state.entities.vehicles, *state.entities.objects), state.poses.tolist(), strict=True
+            ):
                 self._poses.setdefault(body.name, array("d")).extend((state.t_ns / NANOSECONDS, *pose))
         elif len(self._events) < MOST_EVENTS:
             self._events.append(msgspec.json.decode(data, type=Event))

@@ -69,7 +69,9 @@ def moving_parts(resolved: ResolvedVehicle) -> tuple[ShownActuator, ...]:
     return (*map(ShownActuator, file.thrusters), *fins, *map(ShownActuator, file.propellers))
 
 
-def _status_slots(world: World, resolved: ResolvedVehicle, row: int, name: str, source: PoseSource) -> Iterator[SensorSlot]:
+def _status_slots(
+    world: World, resolved: ResolvedVehicle, row: int, name: str, source: PoseSource
+) -> Iterator[SensorSlot]:
     entry = resolved.entry
     shown: list[tuple[str, str, Sensor]] = [("state", "external", ExternalState(source))]
     if not isinstance(entry.compare_with, UnsetType):

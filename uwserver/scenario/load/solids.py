@@ -87,7 +87,9 @@ class SolidFiles:
     def read_vehicle(self, name: str, merged: MergedFile, tree: Node, report: Report, warn: Report) -> None:
         """Read the collision shapes and looks of a vehicle; `tree` is its converted file."""
         if tree.value is not None:
-            self._read_model_file(("vehicles", name), tree.value.looks, merged.folder_of(("looks",)), report, ("looks",))
+            self._read_model_file(
+                ("vehicles", name), tree.value.looks, merged.folder_of(("looks",)), report, ("looks",)
+            )
         tables: dict[str, Collision] = tree.values("collision")
         folders = {key: merged.folder_of(("collision", key, "file")) for key in tables}
         contact: Contact | None = tree.at("contact").value

@@ -190,7 +190,9 @@ def _power(row: Any, surroundings: Array, loss: float, direction: Array, k: int,
 
 
 @compiled
-def _bodies(head: Any, row: Any, surroundings: Array, t: float, direction: Array, begin: int, end: int, hits: Any) -> None:
+def _bodies(
+    head: Any, row: Any, surroundings: Array, t: float, direction: Array, begin: int, end: int, hits: Any
+) -> None:
     """Find the bodies that this ping hears: the distance of each along its nearest ray (m), and its level above the threshold (dB)."""
     p = p_NS(head, surroundings)
     height, limit = submergence(surroundings, p, t), BEYOND * row.reach
@@ -263,7 +265,9 @@ def refine(
 
 
 @compiled
-def _nearest(head: Any, row: Any, surroundings: Array, t: float, direction: Array, first: int, hits: Any) -> tuple[float, float]:
+def _nearest(
+    head: Any, row: Any, surroundings: Array, t: float, direction: Array, first: int, hits: Any
+) -> tuple[float, float]:
     """Return the distance of the nearest body that is heard, m (inf for none), and its level above the threshold, dB."""
     height, best, excess = submergence(surroundings, p_NS(head, surroundings), t), math.inf, 0.0
     for i in range(row.heard):

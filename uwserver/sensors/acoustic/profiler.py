@@ -183,7 +183,15 @@ def aim(
 
 @compiled
 def _energy(
-    head: Any, row: Any, surroundings: Array, t: float, divided: Any, alpha: float, later: float, direction: Array, hits: Any
+    head: Any,
+    row: Any,
+    surroundings: Array,
+    t: float,
+    divided: Any,
+    alpha: float,
+    later: float,
+    direction: Array,
+    hits: Any,
 ) -> Array:
     """Return the mean intensity of the echoes in each gate (1, gates), uPa^2, at one attitude.
 
@@ -211,7 +219,15 @@ def _energy(
 
 @compiled
 def _blended(
-    head: Any, row: Any, surroundings: Array, t: float, divided: Any, alpha: float, duration: float, direction: Array, hits: Any
+    head: Any,
+    row: Any,
+    surroundings: Array,
+    t: float,
+    divided: Any,
+    alpha: float,
+    duration: float,
+    direction: Array,
+    hits: Any,
 ) -> Array:
     """Return the mean intensity of a ping, as `_energy`. If the sonar turns, both attitudes are blended by the time at which each gate is heard."""
     n = len(direction) // row.poses

@@ -36,7 +36,9 @@ def farthest(row: Any, stretch: float) -> float:
 
 
 @compiled
-def _energy(row: Any, surroundings: Array, R: Array, alpha: float, divided: Any, finer: Array, hits: Any, out: Array) -> None:
+def _energy(
+    row: Any, surroundings: Array, R: Array, alpha: float, divided: Any, finer: Array, hits: Any, out: Array
+) -> None:
     """Find the mean intensity of the echoes in each gate, uPa^2.
 
     Args:
@@ -131,7 +133,9 @@ def _write_paper_bins(row: Any, out: Array) -> None:
 
 
 @compiled
-def hear(head: Any, row: Any, surroundings: Array, t: float, direction: Array, hits: Any, sound: Array, out: Array) -> None:
+def hear(
+    head: Any, row: Any, surroundings: Array, t: float, direction: Array, hits: Any, sound: Array, out: Array
+) -> None:
     """Make the bins of a ping under water.
 
     Args:

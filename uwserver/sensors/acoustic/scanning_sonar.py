@@ -146,7 +146,11 @@ def refine(
         first[n] = count
         if end > begin:
             row, p = rows[head.row], p_NS(head, surroundings)
-            block, mine, (c, believed) = block_of(row), part_of(hits, begin, end), sound_speed(head, row, surroundings, p[2])
+            block, mine, (c, believed) = (
+                block_of(row),
+                part_of(hits, begin, end),
+                sound_speed(head, row, surroundings, p[2]),
+            )
             limit = farthest(row, believed / c)
             hit_surface(submergence(surroundings, p, t), block.towards, limit, mine)
             met = keep(mine, block)

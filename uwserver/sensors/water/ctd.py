@@ -104,7 +104,10 @@ def measure(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> N
         m.wet, head.valid = 0, 0
         out[:] = MISSING
         return
-    temperature, salinity = water_property(surroundings, TEMPERATURE, p[2]), water_property(surroundings, SALINITY, p[2])
+    temperature, salinity = (
+        water_property(surroundings, TEMPERATURE, p[2]),
+        water_property(surroundings, SALINITY, p[2]),
+    )
     gauge, atmosphere, conductivity = gauge_pressure(surroundings, p, t), place_of(surroundings).atmosphere, 0.0
     if salinity > 0.0:
         conductivity = conductivity_of(salinity, temperature, gauge / _DECIBAR)

@@ -224,7 +224,9 @@ class Missions:
             self._upload = None
         self._acknowledge(upload.request, upload.channel, result)
 
-    def _acknowledge(self, message: MavlinkMessage, channel: Channel, result: Result, kind: Value | None = None) -> None:
+    def _acknowledge(
+        self, message: MavlinkMessage, channel: Channel, result: Result, kind: Value | None = None
+    ) -> None:
         """Send MISSION_ACK to the sender of a message, for the mission type of that message unless another is given."""
         kind = message.integer("mission_type") if kind is None else kind
         fields: Fields = {**addressed_to(message.sender), "type": f"MAV_MISSION_{result}", "mission_type": kind}

@@ -318,4 +318,6 @@ def beacons(ros_port: RosPort) -> Iterator[SensorTopic]:
     fix = ros_port.complete(("beacon",), make, ("range", "travel_time", *optional))
     yield ros_port.sensor_topic("", "uwserver_msgs/msg/AcousticFix", fix)
     if has_direction:
-        yield ros_port.sensor_topic("/point", "geometry_msgs/msg/PointStamped", ros_port.complete(("p_beacon_S",), point))
+        yield ros_port.sensor_topic(
+            "/point", "geometry_msgs/msg/PointStamped", ros_port.complete(("p_beacon_S",), point)
+        )

@@ -116,7 +116,9 @@ def _numbers(port: Port, name: str) -> Iterator[CommandTopic]:
             others = held.newest
             return {field: [*others[:k], message.data, *others[k + 1 :]]}
 
-        yield CommandTopic(f"{name}/{ros_name(thruster.name)}/cmd", "std_msgs/msg/Float64", port.path, one_of, held, field)
+        yield CommandTopic(
+            f"{name}/{ros_name(thruster.name)}/cmd", "std_msgs/msg/Float64", port.path, one_of, held, field
+        )
 
 
 def _generated(types: Types, port: Port, name: str) -> CommandTopic:

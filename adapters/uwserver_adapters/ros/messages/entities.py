@@ -71,7 +71,9 @@ class Entities:
     def __init__(self, types: Types, facts: Facts, context: AdapterContext) -> None:
         self._types, self._facts, self._context = types, facts, context
 
-    def _scene_errand(self, make: Callable[[SceneState, Sequence[Sample]], object], moving: Sequence[str] = ()) -> Errand:
+    def _scene_errand(
+        self, make: Callable[[SceneState, Sequence[Sample]], object], moving: Sequence[str] = ()
+    ) -> Errand:
         """Return an errand that looks where everything is.
 
         Args:
@@ -107,7 +109,9 @@ class Entities:
     def entities(self, request: Any) -> object:
         if _has_filters(request):
             return response(self._types, "GetEntities", UNSUPPORTED, "there are no filters: send none")
-        return self._scene_errand(lambda state, _: response(self._types, "GetEntities", OK, entities=sorted(_names(state))))
+        return self._scene_errand(
+            lambda state, _: response(self._types, "GetEntities", OK, entities=sorted(_names(state)))
+        )
 
     def info(self, request: Any) -> object:
         def told(state: SceneState, _: Sequence[Sample]) -> object:

@@ -105,7 +105,9 @@ def magnetometer(ros_port: RosPort) -> Iterator[SensorTopic]:
     yield ros_port.sensor_topic("", "sensor_msgs/msg/MagneticField", ros_port.complete(("field_S",), make))
 
 
-def twist_stamped(ros_port: RosPort, sample: Sample, linear: object, spread: object, frame: str | None = None) -> object:
+def twist_stamped(
+    ros_port: RosPort, sample: Sample, linear: object, spread: object, frame: str | None = None
+) -> object:
     """Return a TwistWithCovarianceStamped without a rotation, in ROS axes; its frame is that of the sensor by default."""
     types = ros_port.types
     twist = types.make("geometry_msgs/msg/Twist", linear=types.vector(linear))
@@ -195,7 +197,9 @@ def truth_pose(ros_port: RosPort) -> Iterator[SensorTopic]:
     topic = ros_port.name.rsplit("/", 1)[0] + "/odom"
     yield SensorTopic(topic, "nav_msgs/msg/Odometry", (ros_port.port.path, beside), make)
     if ros_port.facts.tf == "truth":
-        yield SensorTopic("/tf", "tf2_msgs/msg/TFMessage", (ros_port.port.path,), ros_port.complete(("p_NB", "q_NB"), tf))
+        yield SensorTopic(
+            "/tf", "tf2_msgs/msg/TFMessage", (ros_port.port.path,), ros_port.complete(("p_NB", "q_NB"), tf)
+        )
 
 
 def truth_velocity(ros_port: RosPort) -> Iterator[SensorTopic]:

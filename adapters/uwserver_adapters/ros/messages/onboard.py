@@ -71,7 +71,9 @@ def battery(ros_port: RosPort) -> Iterator[SensorTopic]:
             power_supply_status=2 if drawn > 0 else 3, power_supply_technology=0, present=True,
         )  # fmt: skip
 
-    yield ros_port.sensor_topic("", "sensor_msgs/msg/BatteryState", ros_port.complete((), make, ("voltage", "current", "charge")))
+    yield ros_port.sensor_topic(
+        "", "sensor_msgs/msg/BatteryState", ros_port.complete((), make, ("voltage", "current", "charge"))
+    )
 
 
 def leak(ros_port: RosPort) -> Iterator[SensorTopic]:
@@ -91,7 +93,9 @@ def rpm(ros_port: RosPort) -> Iterator[SensorTopic]:
         if speeds is None:
             return None
         told = numbers(speeds if isinstance(speeds, tuple) else (speeds,))
-        return ros_port.types.make("sensor_msgs/msg/JointState", header=ros_port.header(sample), name=names, velocity=told)
+        return ros_port.types.make(
+            "sensor_msgs/msg/JointState", header=ros_port.header(sample), name=names, velocity=told
+        )
 
     yield ros_port.sensor_topic("", "sensor_msgs/msg/JointState", ros_port.complete((), make, ("speeds",)))
 

@@ -26,7 +26,8 @@ FIRE = bytes.fromhex(
 )
 DUMMY = bytes.fromhex("534f 0000 0000 ff00 0000 00000000 0000")
 CASES = [
-    CodecCase("fire", FIRE, (OculusMessage(0x15, FIRE[16:]),), lambda _: encode(OculusMessage(0x15, Fire(2, 0, 255, 127, 0x0D, 2.54, 50.0).payload()))),
+    CodecCase("fire", FIRE, (OculusMessage(0x15, FIRE[16:]),),
+              lambda _: encode(OculusMessage(0x15, Fire(2, 0, 255, 127, 0x0D, 2.54, 50.0).payload()))),
     CodecCase("dummy", DUMMY, (OculusMessage(0xFF),), lambda _: encode(OculusMessage(0xFF))),
 ]  # fmt: skip
 GARBAGE = (b"hello", b"S", b"SO" * 3, DUMMY[:-1], b"SO" + b"\xff" * 40, b"\xff" * 300)

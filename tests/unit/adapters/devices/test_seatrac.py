@@ -131,7 +131,10 @@ def test_what_cannot_be_done_is_answered_by_the_makers_code_and_changes_nothing(
     replies, bad = ask(device, data)
     assert [read(reply) for reply in replies] == [answer]
     assert len(bad) == 1
-    assert answers(device, command(0x11) + command(0x3A)) == [SeaTracMessage(0x11, b"\x03\x01"), SeaTracMessage(0x3A, b"\x3b")]
+    assert answers(device, command(0x11) + command(0x3A)) == [
+        SeaTracMessage(0x11, b"\x03\x01"),
+        SeaTracMessage(0x3A, b"\x3b"),
+    ]
 
 
 def test_an_unknown_command_is_counted():

@@ -197,7 +197,10 @@ def mutated(at: int, value: int) -> bytes:
         (mutated(19, -1), "a text of -1 bytes"),
         (mutated(77, 1), "a text of 1 bytes in a message with 0 left"),
         (wire.packet([wire.encode(MoosMessage(wire.NULL, ""))] * (wire.MESSAGES_LIMIT + 1)), "the most that are taken"),
-        (wire.packet([wire.encode(MoosMessage(wire.NOTIFY, "\udcff" * (wire.NAMES_LIMIT + 1)))]), "a name of 1025 bytes"),
+        (
+            wire.packet([wire.encode(MoosMessage(wire.NOTIFY, "\udcff" * (wire.NAMES_LIMIT + 1)))]),
+            "a name of 1025 bytes",
+        ),
     ],
 )
 def test_each_fault_is_named_and_ends_the_connection(data, text):
@@ -241,7 +244,9 @@ def test_what_a_database_sends_may_be_long_and_many():
 
 def test_a_long_value_that_is_no_ascii_is_not_read_as_a_text():
     for data in (b"\xff" * wire.TEXT_LIMIT, b"x" * (1 << 20)):
-        assert MoosMessage(wire.NOTIFY, "A", data=data, kind=wire.STRING).value == data.decode("utf-8", "surrogateescape")
+        assert MoosMessage(wire.NOTIFY, "A", data=data, kind=wire.STRING).value == data.decode(
+            "utf-8", "surrogateescape"
+        )
     long = b"\xff" * (wire.TEXT_LIMIT + 1)
     assert MoosMessage(wire.NOTIFY, "A", data=long, kind=wire.STRING).value == long
 
@@ -331,7 +336,9 @@ def test_wildcards_are_read_and_written(text, found):
     assert wire.wildcard_of(made) == ("NAV_*", "p*", 0.5)
 
 
-@pytest.mark.parametrize("bad", [MoosMessage("", "k"), MoosMessage("NN", "k"), MoosMessage("N", "k", id=2**31), MoosMessage("€", "k")])
+@pytest.mark.parametrize(
+    "bad", [MoosMessage("", "k"), MoosMessage("NN", "k"), MoosMessage("N", "k", id=2**31), MoosMessage("€", "k")]
+)
 def test_what_cannot_be_written_says_so(bad):
     with pytest.raises(ValueError, match="cannot be written"):
         wire.encode(bad)

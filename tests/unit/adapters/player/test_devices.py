@@ -163,7 +163,9 @@ def test_opaque_devices_are_json() -> None:
     thrusters, services = of[OPAQUE, "rov/thrusters"].take, of[OPAQUE, SERVICES].take
     assert thrusters is not None
     assert services is not None
-    assert thrusters(PlayerMessage(OPAQUE, 0, CMD, 1, wire.octets(b'{"u": [1]}'))) == Ask("rov/thrusters", args={"u": [1]})
+    assert thrusters(PlayerMessage(OPAQUE, 0, CMD, 1, wire.octets(b'{"u": [1]}'))) == Ask(
+        "rov/thrusters", args={"u": [1]}
+    )
     call = wire.octets(b'{"service": "world/step", "args": {"n": 2}}\0')
     assert services(PlayerMessage(OPAQUE, 0, REQ, 1, call)) == Ask(service="world/step", args={"n": 2})
     for body in (

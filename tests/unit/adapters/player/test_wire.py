@@ -20,7 +20,8 @@ OPEN = bytes.fromhex(
     "00000000 00000000 0000001e 00000000 00000001 00000000 00000000"
 )
 CASES = [
-    CodecCase("datamode", DATAMODE, (PlayerMessage(PLAYER, 0, REQ, 5, b"\0\0\0\2"),), lambda _: wire.encode(PlayerMessage(PLAYER, 0, REQ, 5, b"\0\0\0\2"))),
+    CodecCase("datamode", DATAMODE, (PlayerMessage(PLAYER, 0, REQ, 5, b"\0\0\0\2"),),
+              lambda _: wire.encode(PlayerMessage(PLAYER, 0, REQ, 5, b"\0\0\0\2"))),
     CodecCase("open", OPEN, (PlayerMessage(PLAYER, 0, REQ, 3, OPEN[40:], 0.0, 1),)),
     CodecCase("no body", DATAMODE[:36] + bytes(4), (PlayerMessage(PLAYER, 0, REQ, 5),)),
 ]  # fmt: skip

@@ -134,7 +134,9 @@ def test_a_fault_of_a_table_costs_its_message_and_is_told():
     async def story():
         world = mounted(context())
         feed, told = heard_of(world, "/rov/imu", "/rov/lasers")
-        (lasers,) = (sensor_topic for sensor_topic in feed.catalogue.sensor_topics if sensor_topic.name == "/rov/lasers")
+        (lasers,) = (
+            sensor_topic for sensor_topic in feed.catalogue.sensor_topics if sensor_topic.name == "/rov/lasers"
+        )
         calls = []
 
         def broken(a_sample):

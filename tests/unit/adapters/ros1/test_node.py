@@ -138,7 +138,9 @@ def test_it_registers_and_comes_back_after_the_master(monkeypatch: pytest.Monkey
                 await until(lambda: ("service", "/world/pause") in {each[:2] for each in master.registered})
                 assert ("topic", "/rov/imu", "sensor_msgs/Imu") in master.registered
                 assert ("topic", "/clock", "rosgraph_msgs/Clock") in master.registered
-                await until(lambda: ("command topic", "/rov/thrusters/cmd", "std_msgs/Float64MultiArray") in master.registered)
+                await until(
+                    lambda: ("command topic", "/rov/thrusters/cmd", "std_msgs/Float64MultiArray") in master.registered
+                )
                 assert master.params == {"/use_sim_time": True}
                 port = master.port
                 await asyncio.to_thread(master.close)

@@ -29,7 +29,8 @@ CASES = [
         (Hello("text_ack", "admin"), YarpMessage("a", "a", [Vocab("list"), Vocab("out"), "/r"])),
     ),
     CodecCase("text", b"CONNECT x\nd\n1 2\n\n/a b\nD 5 1.25\n(u 1)\nq\n", (
-        Hello("text", "x"), YarpMessage("d", "d", [1, 2]), YarpMessage("/", "/a b", ()), YarpMessage("D", "D 5 1.25", [["u", 1]]), YarpMessage("q", "q", ()),
+        Hello("text", "x"), YarpMessage("d", "d", [1, 2]), YarpMessage("/", "/a b", ()), YarpMessage("D", "D 5 1.25", [["u", 1]]),
+        YarpMessage("q", "q", ()),
     )),
 ]  # fmt: skip
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
+from uwserver.sensors.alone import Alone
 
 from uwserver.environment.water import Water
 from uwserver.physics.kernel.pool import Pool
@@ -15,7 +16,6 @@ from uwserver.physics.kernel.random import key_of
 from uwserver.scenario.files.documents import shipped
 from uwserver.scenario.vehicle.profiles import check_profile
 from uwserver.sensors import ImuConfig, Pose, Scope
-from uwserver.sensors.alone import Alone
 from uwserver.sensors.compiled import HEAD, read
 from uwserver.sensors.motion.imu import Imu, ImuMemory
 from uwserver.sensors.motion.triad import HUMP, TriadErrors, TriadMemory

@@ -279,7 +279,9 @@ def _hear_beam(
 
 
 @compiled
-def hear_cells(head: Any, row: Any, surroundings: Array, ensemble: Ensemble, boundary: tuple[float, float], out: Array) -> None:
+def hear_cells(
+    head: Any, row: Any, surroundings: Array, ensemble: Ensemble, boundary: tuple[float, float], out: Array
+) -> None:
     """Write velocity, echo and correlation of each cell and beam; nothing behind what a beam hits.
 
     Args:

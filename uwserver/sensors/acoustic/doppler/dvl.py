@@ -231,7 +231,9 @@ def _snr(head: Any, row: Any, surroundings: Array, decay: float, direction: Arra
 
 
 @compiled
-def _hear(head: Any, row: Any, surroundings: Array, t: float, out: Array, direction: Array, first: int, hits: Any) -> float:
+def _hear(
+    head: Any, row: Any, surroundings: Array, t: float, out: Array, direction: Array, first: int, hits: Any
+) -> float:
     """Write a reading. Returns the longest range of a beam that hits something, m."""
     p, exact = p_NS(head, surroundings), head.exact != 0
     low, high, _ = _limits(row)

@@ -36,12 +36,18 @@ def load() -> None:
     box = Solid("box", (Placed(Box((0.2, 0.2, 0.2)), (1.0, 0.0, 3.0)),))
     floor = Solid("floor", (Placed(HalfSpace(), (0.0, 0.0, 4.0)),))
     carried = Solid("carried", (Placed(Box((0.1, 0.1, 0.1))),))
-    things = (VisibleThing("box", box, grey), VisibleThing("floor", floor, grey), VisibleThing("carried", carried, grey, row=0))
+    things = (
+        VisibleThing("box", box, grey),
+        VisibleThing("floor", floor, grey),
+        VisibleThing("carried", carried, grey, row=0),
+    )
     state = np.zeros((1, 13))
     state[0, 2], state[0, 3] = 3.0, 1.0
     pose = Pose((0.0, 0.0, 3.0), IDENTITY)
     lamp = LampAt(0, (0.0, 0.0, -0.2), IDENTITY, 2.0, 1000.0)
-    view = View(0.0, VisibleScene(things, Models()), state, pose, pose, 3.0, WATER_TYPES["II"], Daylight(0.0), (lamp,), own=0)
+    view = View(
+        0.0, VisibleScene(things, Models()), state, pose, pose, 3.0, WATER_TYPES["II"], Daylight(0.0), (lamp,), own=0
+    )
     optics = Optics(lens_of((16, 16), 1.0), None, 50.0)
     seen = optics.form(view)
     depth, (ids, _) = optics.depth_mm(view), optics.ids(view)

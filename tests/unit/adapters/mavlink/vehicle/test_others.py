@@ -93,7 +93,11 @@ def test_a_vehicle_that_is_not_there_is_told_and_harms_nobody(make_bench):
 
 
 TURNING = Port(
-    "ghost/actuators", "actuator", "actuators", LiveMotion([ShownActuator("t1"), ShownActuator("t2"), ShownActuator("t3")], int).fields, ""
+    "ghost/actuators",
+    "actuator",
+    "actuators",
+    LiveMotion([ShownActuator("t1"), ShownActuator("t2"), ShownActuator("t3")], int).fields,
+    "",
 )
 
 

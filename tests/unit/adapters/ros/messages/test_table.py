@@ -374,7 +374,9 @@ def test_soundings_are_travel_times_and_angles_too(made, told):
     assert ping.rx_angles == pytest.approx([-1.0, 0.0, 1.0])
     assert ping.intensities == pytest.approx([110.0, math.nan, 109.0], nan_ok=True)
     assert ping.tx_angles.tolist() == ping.tx_delays.tolist() == [0.0] * 3
-    (sensor_topic,) = (sensor_topic for sensor_topic in made.sensor_topics if sensor_topic.name == "/rov/swath/detections")
+    (sensor_topic,) = (
+        sensor_topic for sensor_topic in made.sensor_topics if sensor_topic.name == "/rov/swath/detections"
+    )
     assert sensor_topic.make(sample(PORTS["rov/swath"], valid=False)) is None
 
 
@@ -557,7 +559,9 @@ def test_configured_errors_reach_the_covariance():
         bare_scene(EntityList(1, (), ()), WORLD), vehicles=(BodyView("rov", "x", "rov", (), sensors=(view,)),)
     )
     facts = Facts(epoch_ns=EPOCH_NS, mounts=mounts_of(scene))
-    (sensor_topic,) = (sensor_topic for sensor_topic in catalogue(facts=facts).sensor_topics if sensor_topic.name == "/rov/imu")
+    (sensor_topic,) = (
+        sensor_topic for sensor_topic in catalogue(facts=facts).sensor_topics if sensor_topic.name == "/rov/imu"
+    )
     imu = Types().from_cdr(sensor_topic.cdr(sample(PORTS["rov/imu"])), "sensor_msgs/msg/Imu")
     assert imu.angular_velocity_covariance == pytest.approx(np.diag([4e-4] * 3).ravel())
     assert imu.linear_acceleration_covariance == pytest.approx(np.diag([0.01, 0.04, 0.09]).ravel())
