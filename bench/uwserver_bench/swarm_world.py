@@ -130,8 +130,8 @@ def read(task: Mapping[str, Any]) -> dict[str, object]:
     def deliver(kind: str) -> None:
         here.take_over()
         here.make_room(count)
-        table, values, told_values = here.to_deliver()
-        compiled_deliver(table, due[kind], next(times), True, values, told_values)
+        table, values, delivered_values = here.to_deliver()
+        compiled_deliver(table, due[kind], next(times), True, values, delivered_values)
 
     def sample() -> None:
         measured[0](*measured[1:], now / NANOSECONDS)

@@ -178,7 +178,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
     publish = Bus.publish
 
     def counted(bus: Bus, output: TickOutput, wake: bool = True) -> None:
-        ports.extend(() if output.told is None else output.told.ports)
+        ports.extend(() if output.batch is None else output.batch.ports)
         ports.extend(sample.port for sample in output.made)
         publish(bus, output, wake)
 

@@ -156,7 +156,7 @@ class Rig:
         """Delivered in tick n."""
         samples = list[Sample]()
         self.make(n, samples)
-        return [*(self.sensing.take_told() or ()), *samples]
+        return [*(self.sensing.take_batch() or ()), *samples]
 
     def tick(self, n: int) -> list[tuple[str, int]]:
         """Ports and times of them."""

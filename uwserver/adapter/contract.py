@@ -109,7 +109,7 @@ class Subscriber(Protocol):
     - `thinned`: for each path the `uwserver.ports.thinning.Thinning` objects that are enough for that port. The subscriber needs only samples
       that one of them takes, and gets all of these, perhaps with others. The attribute is read together with `wanted`, and holds until the
       event of a reset or of changed ports.
-    - `put_told`: a method that gets the samples of several successive ticks at once, as rows of numbers (`Told`). It is called in place of
+    - `put_batch`: a method that gets the samples of several successive ticks at once, as rows of numbers (`SampleBatch`). It is called in place of
       `put_samples` if all of these samples are rows; while others read too, it gets one tick at a time.
     - `send_samples`: a method without arguments, which is called when no more samples wait, so that several ticks can be sent together.
     """

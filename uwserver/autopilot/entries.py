@@ -80,19 +80,19 @@ def step_on(table: Array, world: Array, k: int, t_ns: int, stage: int) -> int:
 
 
 @entry
-def hear_all(table: Array, told: Array, values: Array, count: int, now_ns: int) -> None:
+def hear_all(table: Array, delivered: Array, values: Array, count: int, now_ns: int) -> None:
     """Correct the estimates of all autopilots that read the streams of delivered samples.
 
     Args:
         table: of the autopilots.
-        told: records with `stream`, `t_ns` and `valid` of each sample.
+        delivered: records with `stream`, `t_ns` and `valid` of each sample.
         values: (n, w) numbers of each sample.
         count: number of samples.
         now_ns: simulation time.
     """
     pilots, sensors, beacons, ears = _pilots(table), _sensors(table), _beacons(table), _ears(table)
     for i in range(count):
-        sample = told[i]
+        sample = delivered[i]
         ear = ears[sample.stream] if sample.valid != 0 else -1
         while ear >= 0:
             sensor = sensors[ear]
@@ -131,15 +131,15 @@ ENTRIES: tuple[Any, ...] = (
 )
 
 
-def load(told: Array) -> None:
+def load(delivered: Array) -> None:
     """Make all entries ready, so that no tick waits for them: compile them, or load them from the cache.
 
     Args:
-        told: records like those that `hear_all` gets.
+        delivered: records like those that `hear_all` gets.
     """
     table, number, values = np.zeros((0, 2), np.int64), 0, np.empty(0)
     given = (
-        (table, table, number, number), (table, table, number, number, number), (table, told, np.empty((0, 0)), number, number),
+        (table, table, number, number), (table, table, number, number, number), (table, delivered, np.empty((0, 0)), number, number),
         (table, number, values, number, number), (table, number), (table, number, number, values),
     )  # fmt: skip
     for kernel, like in zip(ENTRIES, given, strict=True):

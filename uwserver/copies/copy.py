@@ -154,8 +154,8 @@ class Copy:
     def row(self) -> tuple[int, ...]:
         """Addresses of the arrays now, as `step.rows.COPY`."""
         given, sensor_arrays = self.world.stepping.given, self.world.sensor_arrays
-        sensors, values, told_values = sensor_arrays.to_deliver()
-        tables = given.table, sensors, self.world.hydro.table, values, told_values
+        sensors, values, delivered_values = sensor_arrays.to_deliver()
+        tables = given.table, sensors, self.world.hydro.table, values, delivered_values
         return *(table.ctypes.data for table in tables), values.shape[1], *sensor_arrays.room, self.world.tick, DONE
 
 

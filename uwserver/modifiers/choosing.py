@@ -9,8 +9,8 @@ import numpy as np
 
 from uwserver.physics.kernel.arrays import Array, IntArray
 from uwserver.physics.kernel.deferred import entry
+from uwserver.ports.sample_batch import SampleBatch
 from uwserver.ports.thinning import ROUNDING_NS
-from uwserver.ports.told import Told
 
 NOBODY, UNKNOWN = -1, -2
 """Instead of the number of a line: the stream has no line; it is not known yet whether the stream has one."""
@@ -56,12 +56,12 @@ def choose_samples(
 
 
 def choose(
-    told: Told, lines: IntArray, ready: list[bool], rates: list[float], starts: list[int], newest: list[int]
+    batch: SampleBatch, lines: IntArray, ready: list[bool], rates: list[float], starts: list[int], newest: list[int]
 ) -> IntArray | None:
     """Choose the samples that are the first in an interval of their line (`Thinning.interval`).
 
     Args:
-        told: the samples.
+        batch: the samples.
         lines: number of the line of each stream, NOBODY or UNKNOWN.
         ready: whether each line can take samples now.
         rates: intervals per second of each line; 0 if it takes all samples.
@@ -75,9 +75,9 @@ def choose(
     Raises:
         NotMet: a sample is the first of its stream; `newest` is not changed.
     """
-    after, chosen = np.array(newest, np.int64), np.empty(len(told), np.int64)
+    after, chosen = np.array(newest, np.int64), np.empty(len(batch), np.int64)
     state = choose_samples(
-        told.log.table, told.first, told.first + len(told), lines, np.array(ready, np.bool_),
+        batch.log.table, batch.first, batch.first + len(batch), lines, np.array(ready, np.bool_),
         np.array(rates, np.float64), np.array(starts, np.int64), after, chosen,
     )  # fmt: skip
     if state == UNKNOWN:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from msgspec import Struct
 
-from uwserver.ports.told import Told
+from uwserver.ports.sample_batch import SampleBatch
 from uwserver.ports.values import Call, Command, Event, Fault, Field, Json, OnReply, Port, Progress, Reply, Sample
 
 Answers = list[tuple[OnReply, Reply | Progress]]
@@ -31,7 +31,7 @@ class TickOutput(Struct):
         tick, t_ns: number and time of the last tick.
         ticks: number of ticks.
         made: delivered samples, as objects.
-        told: delivered samples before those, still as rows.
+        batch: delivered samples before those, still as rows.
         ports: of the samples, as they are after the last tick; None if not given.
         jumps: how often the time had been set, as of the last tick.
     """
@@ -43,32 +43,32 @@ class TickOutput(Struct):
     events: list[Event] = []
     ports: Mapping[str, Port] | None = None
     jumps: int = 0
-    told: Told | None = None
+    batch: SampleBatch | None = None
     ticks: int = 0
 
     @property
     def samples(self) -> list[Sample]:
-        """All delivered samples. Those in `told` are made into objects once, and kept."""
-        if self.told is not None:
-            self.made[:0], self.told = self.told, None
+        """All delivered samples. Those in `batch` are made into objects once, and kept."""
+        if self.batch is not None:
+            self.made[:0], self.batch = self.batch, None
         return self.made
 
     def goes_on_in(self, later: TickOutput) -> bool:
         """Add the output of a later tick, if both consist only of rows of samples that follow each other. Return whether it was added."""
-        if self.told is None or later.told is None or self.ports is not later.ports or self.jumps != later.jumps:
+        if self.batch is None or later.batch is None or self.ports is not later.ports or self.jumps != later.jumps:
             return False
         if self.made or self.replies or self.events or later.made or later.replies or later.events:
             return False
-        together = self.told.followed_by(later.told)
+        together = self.batch.followed_by(later.batch)
         if together is None:
             return False
-        self.told, self.tick, self.t_ns, self.ticks = together, later.tick, later.t_ns, self.ticks + later.ticks
+        self.batch, self.tick, self.t_ns, self.ticks = together, later.tick, later.t_ns, self.ticks + later.ticks
         return True
 
     def drop_samples(self) -> int:
         """Drop all samples, as nobody needs them, and return their number."""
-        count = len(self.made) + len(self.told or ())
-        self.made, self.told = [], None
+        count = len(self.made) + len(self.batch or ())
+        self.made, self.batch = [], None
         return count
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import IO
 
 from uwserver.ports import Event, Port, Sample
-from uwserver.ports.told import Told
+from uwserver.ports.sample_batch import SampleBatch
 from uwserver.recording.format import Request, StateHash, metadata
 from uwserver.recording.foxglove import FoxgloveChannels
 from uwserver.recording.opening import new_file, there_already, unwritable
@@ -57,7 +57,7 @@ class Ports:
     ports: Mapping[str, Port]
 
 
-Item = Told | tuple[Sample, ...] | Request | State | Ports | Presence | Seen | Event
+Item = SampleBatch | tuple[Sample, ...] | Request | State | Ports | Presence | Seen | Event
 
 
 class Output:
@@ -136,7 +136,7 @@ class Output:
     def write(self, item: Item) -> None:
         """Write one item."""
         writer = self._writer
-        if isinstance(item, Told):
+        if isinstance(item, SampleBatch):
             writer.rows(item, self._known)
             self.samples += len(item)
         elif isinstance(item, tuple):

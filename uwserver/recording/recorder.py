@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from uwserver.ports import Call, Command, Event, Json, Refused, Sample
-from uwserver.ports.told import Told
+from uwserver.ports.sample_batch import SampleBatch
 from uwserver.recording.format import Request
 from uwserver.recording.output import NOTHING, Item, Output, Ports, State
 from uwserver.recording.parts import ONE_FILE, Rotation
@@ -232,10 +232,10 @@ class Recorder:
         if self._has_room(len(samples)):
             self._queue.append(tuple(samples))
 
-    def put_told(self, told: Told) -> None:
+    def put_batch(self, batch: SampleBatch) -> None:
         """Queue the samples of a few ticks as rows; samples are made of them only when they are written."""
-        if self._has_room(len(told)):
-            self._queue.append(told)
+        if self._has_room(len(batch)):
+            self._queue.append(batch)
 
     def _has_room(self, count: int) -> bool:
         """Return whether so many samples can be queued, and count them."""
@@ -322,7 +322,7 @@ class Recorder:
     def _next(self) -> Item:
         """Take the oldest item; rows of samples together with the rows after them, which are written in one go."""
         item = self._queue.popleft()
-        while isinstance(item, Told) and self._queue and isinstance(later := self._queue[0], Told):
+        while isinstance(item, SampleBatch) and self._queue and isinstance(later := self._queue[0], SampleBatch):
             together = item.followed_by(later)
             if together is None:
                 break

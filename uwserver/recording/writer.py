@@ -13,7 +13,7 @@ from msgspec import structs
 from uwserver import __version__
 from uwserver.adapter.foxglove import SCHEMAS, Foreign
 from uwserver.ports import Event, Port, Sample, SceneState
-from uwserver.ports.told import Origin, Told
+from uwserver.ports.sample_batch import Origin, SampleBatch
 from uwserver.recording.chunked_file import ChunkedFile
 from uwserver.recording.format import EVENTS, HASHES, METADATA, REQUESTS, Request, StateHash
 from uwserver.recording.foxglove import FoxgloveChannels
@@ -91,8 +91,8 @@ class RecordingWriter:
         self._states = self._writer.register_channel(STATES, ENCODING, layout, {})
         self._row_of: dict[int, _Row | None] = {}
         self._origins: Mapping[int, Origin] = {}
-        self.told: Presence | None = None
-        self.jumps_told = 0
+        self.last_presence: Presence | None = None
+        self.last_jumps = 0
         self._foxglove = foxglove
         self._foreign: dict[tuple[str, str], int] = {}
         self._foreign_schemas: dict[str, int] = {}
@@ -119,18 +119,18 @@ class RecordingWriter:
             if shown is not None:
                 self._add_foreign(shown)
 
-    def rows(self, told: Told, ports: Mapping[str, Port]) -> None:
+    def rows(self, batch: SampleBatch, ports: Mapping[str, Port]) -> None:
         """Write samples that come as rows, each on the channel of its port. Samples that contain only numbers are encoded in one go."""
-        if told.origins is not self._origins:
-            self._origins, self._row_of = told.origins, {}
-        for part in told.parts(TOGETHER):
+        if batch.origins is not self._origins:
+            self._origins, self._row_of = batch.origins, {}
+        for part in batch.parts(TOGETHER):
             self._encode_rows(part, ports)
 
-    def _encode_rows(self, told: Told, ports: Mapping[str, Port]) -> None:
-        entries, rows = told.entries(), self._row_of
+    def _encode_rows(self, batch: SampleBatch, ports: Mapping[str, Port]) -> None:
+        entries, rows = batch.entries(), self._row_of
         heads: list[tuple[int, int, int, int]] = []
         messages: list[_SampleRecord] = []
-        for (t_sent_ns, _, stream, seq, t_ns, valid, _), values in zip(entries, told.values(entries), strict=True):
+        for (t_sent_ns, _, stream, seq, t_ns, valid, _), values in zip(entries, batch.values(entries), strict=True):
             row = rows[stream] if stream in rows else self._row(stream, ports)
             if row is not None and len(values) == row[1]:
                 heads.append((row[0], seq & _SEQUENCE, t_sent_ns, t_ns))
@@ -138,7 +138,7 @@ class RecordingWriter:
             else:
                 self._add_rows(heads, messages)
                 heads, messages = [], []
-                self.sample(Sample(told.origins[stream].path, seq, t_ns, t_sent_ns, valid != 0, values), ports)
+                self.sample(Sample(batch.origins[stream].path, seq, t_ns, t_sent_ns, valid != 0, values), ports)
         self._add_rows(heads, messages)
 
     def _add_rows(self, heads: list[tuple[int, int, int, int]], messages: list[_SampleRecord]) -> None:
@@ -185,15 +185,15 @@ class RecordingWriter:
         """Write an event."""
         self._add(self._events, event.t_ns, event, event.t_ns)
         if event.event == "reset":
-            self.jumps_told += 1
+            self.last_jumps += 1
             self._add(self._jumps, event.t_ns, event, event.t_ns)
         self._show(event)
 
     def presence(self, presence: Presence) -> None:
         """Write the bodies, ports and services from here on."""
-        record = presence.since(self.told)
-        water = presence.water or (None if self.told is None else self.told.water)
-        self.told = structs.replace(presence, water=water)
+        record = presence.since(self.last_presence)
+        water = presence.water or (None if self.last_presence is None else self.last_presence.water)
+        self.last_presence = structs.replace(presence, water=water)
         self._add(self._entity_lists, presence.t_ns, record, presence.t_ns)
         self._show(presence)
 
@@ -228,9 +228,9 @@ class RecordingWriter:
         It gets the ports of the other writer, whose late samples may still come, the bodies that are there, and the number of jumps.
         """
         self.know(before.known)
-        self.jumps_told = before.jumps_told
-        if before.told is not None:
-            self.presence(structs.replace(before.told, jumps=before.jumps_told, tick=tick, t_ns=t_ns))
+        self.last_jumps = before.last_jumps
+        if before.last_presence is not None:
+            self.presence(structs.replace(before.last_presence, jumps=before.last_jumps, tick=tick, t_ns=t_ns))
 
     def flush(self) -> None:
         """End the chunk in progress and pass everything to the operating system."""

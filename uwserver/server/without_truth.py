@@ -6,23 +6,23 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 
 from uwserver.adapter import AdapterContext, Driver, Subscriber
 from uwserver.ports import Sample
+from uwserver.ports.sample_batch import Origin, SampleBatch
 from uwserver.ports.thinning import WHOLE, Thinned
-from uwserver.ports.told import Origin, Told
 
 
 class WithoutTruth:
     """Keeps ground truth from a subscriber of an adapter that may not serve it.
 
     Attributes:
-        put_told, send_samples: as those of the subscriber; None if it has none.
+        put_batch, send_samples: as those of the subscriber; None if it has none.
         put_event: that of the subscriber.
     """
 
     def __init__(self, subscriber: Subscriber, context: AdapterContext) -> None:
         """Take a subscriber of an adapter, and the context that says what the adapter may see."""
         self._subscriber, self._context = subscriber, context
-        self._put_told: Callable[[Told], None] | None = getattr(subscriber, "put_told", None)
-        self.put_told = None if self._put_told is None else self._put_visible
+        self._put_batch: Callable[[SampleBatch], None] | None = getattr(subscriber, "put_batch", None)
+        self.put_batch = None if self._put_batch is None else self._put_visible
         self.send_samples: Callable[[], None] | None = getattr(subscriber, "send_samples", None)
         self.put_event = subscriber.put_event
         self._origins: Mapping[int, Origin] = {}
@@ -44,14 +44,14 @@ class WithoutTruth:
         if visible:
             self._subscriber.put_samples(visible)
 
-    def _put_visible(self, told: Told) -> None:
-        if told.origins is not self._origins:
-            self._origins = told.origins
-            self._truth_streams = frozenset(k for k, origin in told.origins.items() if "/truth/" in origin.path)
-        if self._put_told is not None and self._truth_streams.isdisjoint(told.streams):
-            self._put_told(told)
+    def _put_visible(self, batch: SampleBatch) -> None:
+        if batch.origins is not self._origins:
+            self._origins = batch.origins
+            self._truth_streams = frozenset(k for k, origin in batch.origins.items() if "/truth/" in origin.path)
+        if self._put_batch is not None and self._truth_streams.isdisjoint(batch.streams):
+            self._put_batch(batch)
         else:
-            self.put_samples(told)
+            self.put_samples(batch)
 
 
 class DriverWithoutTruth:

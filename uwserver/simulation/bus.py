@@ -12,8 +12,8 @@ from typing import Protocol
 
 from uwserver.ports import Event, OnReply, Port, Progress, Reply, Sample
 from uwserver.ports.crossing import TickOutput, has_same_fields
+from uwserver.ports.sample_batch import SampleBatch
 from uwserver.ports.thinning import WHOLE
-from uwserver.ports.told import Told
 from uwserver.simulation.clock import SystemTime, Time
 from uwserver.simulation.newest import Newest
 from uwserver.simulation.wants import Wanted, thinned_together, together, wants_any
@@ -42,7 +42,7 @@ _NEWEST = 0.25
 
 class Sink(Protocol):
     """Takes samples and events of the world on the loop; must not block. It may have `wanted`, `thinned` and `send_samples`, as
-    `uwserver.adapter.Subscriber`, and `put_told`."""
+    `uwserver.adapter.Subscriber`, and `put_batch`."""
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Take the samples delivered in one tick."""
@@ -82,7 +82,7 @@ class Bus:
         self._lock = threading.Lock()
         self._sinks: list[Sink] = []
         self._sample_sinks: list[Sink] = []
-        self._puts_told: list[Callable[[Told], None]] = []
+        self._batch_puts: list[Callable[[SampleBatch], None]] = []
         self._others: list[Sink] = []
         self._readers: list[object] = []
         self._paths: Collection[str] | None = frozenset()
@@ -130,9 +130,9 @@ class Bus:
         """Take over changed subscriptions of readers, from the next tick on. Loop thread."""
         self.asked += 1
         self._sample_sinks = [sink for sink in self._sinks if wants_any(sink)]
-        puts_told = [getattr(sink, "put_told", None) for sink in self._sample_sinks]
-        self._puts_told = [put for put in puts_told if put is not None]
-        self._others = [sink for sink, put in zip(self._sample_sinks, puts_told, strict=True) if put is None]
+        batch_puts = [getattr(sink, "put_batch", None) for sink in self._sample_sinks]
+        self._batch_puts = [put for put in batch_puts if put is not None]
+        self._others = [sink for sink, put in zip(self._sample_sinks, batch_puts, strict=True) if put is None]
         before, paths, less, thinned = self._paths, together(self._readers), self._thinned, WHOLE
         if paths is not None:
             thinned = thinned_together(self._readers, paths)
@@ -154,7 +154,7 @@ class Bus:
     def publish(self, output: TickOutput, wake: bool = True) -> None:
         """Hand a tick over. It never waits for the loop. If `wake` is false and there are only samples, they may wait for the next wake-up,
         or a `flush`. Simulation thread."""
-        if not (output.told or output.made or output.replies or output.events):
+        if not (output.batch or output.made or output.replies or output.events):
             if wake and self._crossing:
                 self.flush()
             return
@@ -163,7 +163,7 @@ class Bus:
                 self.dropped += output.drop_samples()
                 if not (output.replies or output.events):
                     return
-            self._waiting_ticks += output.told.ticks if output.told is not None else 1
+            self._waiting_ticks += output.batch.ticks if output.batch is not None else 1
             if not self._append_to_newest(output):
                 self._crossing.append(output)
             # Early enough that a world that nothing paces need not wait.
@@ -173,10 +173,10 @@ class Bus:
 
     def _append_to_newest(self, output: TickOutput) -> bool:
         """Append this tick to the newest tick that waits, if all readers take several ticks at once. Returns whether it was appended."""
-        if not (self._puts_told and self._crossing) or self._others:
+        if not (self._batch_puts and self._crossing) or self._others:
             return False
         newest = self._crossing[-1]
-        return isinstance(newest, TickOutput) and len(newest.told or ()) < TOGETHER and newest.goes_on_in(output)
+        return isinstance(newest, TickOutput) and len(newest.batch or ()) < TOGETHER and newest.goes_on_in(output)
 
     def flush(self) -> None:
         """Wake the loop if something waits for it. Simulation thread."""
@@ -250,8 +250,8 @@ class Bus:
                     return True
                 item = self._crossing.popleft()
             if isinstance(item, TickOutput):
-                ticks = item.told.ticks if item.told is not None else 1
-                self._delivered += ticks if item.told or item.made else 0  # replies without samples are no tick
+                ticks = item.batch.ticks if item.batch is not None else 1
+                self._delivered += ticks if item.batch or item.made else 0  # replies without samples are no tick
                 self._deliver(item)
                 with self._lock:
                     self._waiting_ticks -= ticks
@@ -276,23 +276,23 @@ class Bus:
             self.expect(output.ports, output.jumps)
         for on_reply, reply in output.replies:
             answer(partial(on_reply, reply))
-        told = output.told
-        if told is None or told.ticks == 1 or output.made or not self._others:
-            self._give_samples(told, output.made)
+        batch = output.batch
+        if batch is None or batch.ticks == 1 or output.made or not self._others:
+            self._give_samples(batch, output.made)
             return
         for tick in (
-            told.by_tick()
+            batch.by_tick()
         ):  # Several ticks that were made in one call, or appended while all readers could take several at once.
             self._give_samples(tick, output.made)
 
-    def _give_samples(self, told: Told | None, made: list[Sample]) -> None:
+    def _give_samples(self, batch: SampleBatch | None, made: list[Sample]) -> None:
         hearers = self._sample_sinks
-        if told and self._puts_told and not made:
+        if batch and self._batch_puts and not made:
             hearers = self._others
-            for put in self._puts_told:
-                answer(partial(put, told))
+            for put in self._batch_puts:
+                answer(partial(put, batch))
         # A single sink makes sample objects of the rows as it needs them; for several sinks they are made once.
-        samples: Sequence[Sample] = told if told and not made and len(hearers) < 2 else [*(told or ()), *made]
+        samples: Sequence[Sample] = batch if batch and not made and len(hearers) < 2 else [*(batch or ()), *made]
         if samples:
             self.last.put(samples)
             for sink in tuple(hearers):

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from operator import attrgetter
 
 from uwserver.ports import Sample
-from uwserver.ports.told import Log, Told
+from uwserver.ports.sample_batch import Log, SampleBatch
 
 _port = attrgetter("port")
 
@@ -15,12 +15,12 @@ class Newest(Mapping[str, Sample]):
     """The newest samples by path of the port."""
 
     def __init__(self) -> None:
-        self._places: dict[str, Sample | Told] = {}
+        self._places: dict[str, Sample | SampleBatch] = {}
         self._log: Log | None = None
 
     def put(self, samples: Sequence[Sample]) -> None:
         """Take samples that were delivered, in this order."""
-        if isinstance(samples, Told):
+        if isinstance(samples, SampleBatch):
             if samples.log is not self._log:
                 self._leave(samples.log)
             self._places.update(dict.fromkeys(samples.ports, samples))
@@ -31,7 +31,7 @@ class Newest(Mapping[str, Sample]):
         """Begin to use another log. Samples that are still the newest from the log before the last one are copied, so that they do not keep
         that log alive."""
         for path, place in self._places.items():
-            if isinstance(place, Told) and place.log is not self._log:
+            if isinstance(place, SampleBatch) and place.log is not self._log:
                 self._places[path] = place.newest(path)
         self._log = log
 
@@ -45,7 +45,7 @@ class Newest(Mapping[str, Sample]):
 
     def __getitem__(self, path: str) -> Sample:
         place = self._places[path]
-        return place.newest(path) if isinstance(place, Told) else place
+        return place.newest(path) if isinstance(place, SampleBatch) else place
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._places)

@@ -20,7 +20,7 @@ _LEAST = 16
 
 _heads, _streams, _operations = array_at(FORMS, "heads"), array_at(FORMS, "streams"), array_at(FORMS, "operations")
 _numbers, _pending, _free = array_at(FORMS, "numbers"), array_at(FORMS, "pending"), array_at(FORMS, "free")
-_told, _counts, _team = array_at(FORMS, "told"), array_at(FORMS, "counts"), array_at(FORMS, "team")
+_delivered, _counts, _team = array_at(FORMS, "delivered"), array_at(FORMS, "counts"), array_at(FORMS, "team")
 _thinnings, _wordy = array_at(FORMS, "thinnings"), array_at(FORMS, "wordy")
 _log, _log_numbers = array_at(FORMS, "log"), array_at(FORMS, "log_numbers")
 
@@ -94,25 +94,25 @@ def _is_taken(table: Array, stream: Any, t_ns: int) -> bool:
 
 
 @compiled
-def _log_in(table: Array, told: Any, values: Array, first: int, width: int, texts: int) -> None:
-    """Append a delivered sample to the log. `told.slot` becomes its place there; it stays -1 where the log has no room."""
+def _log_in(table: Array, delivered: Any, values: Array, first: int, width: int, texts: int) -> None:
+    """Append a delivered sample to the log. `delivered.slot` becomes its place there; it stays -1 where the log has no room."""
     counts, log, log_numbers = _counts(table)[0], _log(table), _log_numbers(table)
     n, begin = counts.logged, counts.log_width
     if n >= len(log) or begin + width > len(log_numbers):
         return
     on = log[n]
-    on.t_sent_ns, on.order, on.stream, on.seq = told.t_sent_ns, texts, told.stream, told.seq
-    on.t_ns, on.valid, on.slot = told.t_ns, told.valid, begin
+    on.t_sent_ns, on.order, on.stream, on.seq = delivered.t_sent_ns, texts, delivered.stream, delivered.seq
+    on.t_ns, on.valid, on.slot = delivered.t_ns, delivered.valid, begin
     for i in range(width):
         log_numbers[begin + i] = values[first + i]
-    told.slot = n
+    delivered.slot = n
     counts.logged, counts.log_width = n + 1, begin + width
     counts.read += 1
 
 
 @compiled
 def _tell(
-    table: Array, values: Array, told_values: Array, k: int, seq: int, t_ns: int, sent: int, valid: int, first: int, texts: int
+    table: Array, values: Array, delivered_values: Array, k: int, seq: int, t_ns: int, sent: int, valid: int, first: int, texts: int
 ) -> None:  # fmt: skip
     """Deliver a sample of stream k, whose values begin at `values[first]`. `texts` names its texts; 0: they wait in Python."""
     stream, numbers, counts = _streams(table)[k], _numbers(table), _counts(table)[0]
@@ -123,21 +123,21 @@ def _tell(
     for i in range(stream.width):
         numbers[stream.newest_first + i] = values[first + i]
     if stream.wanted != 0:
-        told = _told(table)[counts.told]
-        told.t_sent_ns, told.stream, told.seq, told.t_ns, told.valid, told.slot = sent, k, seq, t_ns, valid, -1
+        delivered = _delivered(table)[counts.delivered]
+        delivered.t_sent_ns, delivered.stream, delivered.seq, delivered.t_ns, delivered.valid, delivered.slot = sent, k, seq, t_ns, valid, -1
         for i in range(stream.width):
-            told_values[counts.told, i] = values[first + i]
+            delivered_values[counts.delivered, i] = values[first + i]
         is_whole = stream.thinning_count == 0 or stream.unordered != 0
         if stream.wanted == READ and (is_whole or _is_taken(table, stream, t_ns)):
-            _log_in(table, told, values, first, stream.width, texts)
+            _log_in(table, delivered, values, first, stream.width, texts)
         if stream.wordy != 0 and texts == 0:
-            _wordy(table)[counts.wordy] = counts.told
+            _wordy(table)[counts.wordy] = counts.delivered
             counts.wordy += 1
-        counts.told += 1
+        counts.delivered += 1
 
 
 @compiled
-def _arrive(table: Array, values: Array, told_values: Array, t_ns: int) -> None:
+def _arrive(table: Array, values: Array, delivered_values: Array, t_ns: int) -> None:
     """Deliver the samples in flight whose time has come."""
     pending, free, counts = _pending(table), _free(table), _counts(table)[0]
     flat = values.reshape(values.size)
@@ -145,7 +145,7 @@ def _arrive(table: Array, values: Array, told_values: Array, t_ns: int) -> None:
         first = pending[0]
         slot = first.slot
         _tell(
-            table, flat, told_values, first.stream, first.seq, first.t_ns, first.t_sent_ns, first.valid,
+            table, flat, delivered_values, first.stream, first.seq, first.t_ns, first.t_sent_ns, first.valid,
             slot * values.shape[1], 0,
         )  # fmt: skip
         counts.pending -= 1
@@ -154,13 +154,13 @@ def _arrive(table: Array, values: Array, told_values: Array, t_ns: int) -> None:
 
 
 @compiled
-def _send(table: Array, values: Array, told_values: Array, k: int, seq: int, t_ns: int) -> None:
+def _send(table: Array, values: Array, delivered_values: Array, k: int, seq: int, t_ns: int) -> None:
     """Deliver the present reading of stream k, or put it in flight if it has a delay."""
     stream, numbers, counts = _streams(table)[k], _numbers(table), _counts(table)[0]
     reading = stream.reading
     stamp, sent = max(0, reading.t_ns + reading.stamp_ns), reading.t_ns + reading.delay_ns
     if sent <= t_ns:
-        _tell(table, numbers, told_values, k, seq, stamp, sent, stream.held.valid, stream.first, stream.texts)
+        _tell(table, numbers, delivered_values, k, seq, stamp, sent, stream.held.valid, stream.first, stream.texts)
         return
     n = counts.pending
     slot = _free(table)[n]
@@ -211,7 +211,7 @@ def _disturb_range(first: int, end: int, me: int, table: Array, due: Array, t_ns
 
 
 @entry
-def deliver(table: Array, due: Array, t_ns: int, begins: bool, values: Array, told_values: Array) -> int:
+def deliver(table: Array, due: Array, t_ns: int, begins: bool, values: Array, delivered_values: Array) -> int:
     """Make samples of the readings of some sensors, and deliver those whose time has come.
 
     Args:
@@ -220,28 +220,28 @@ def deliver(table: Array, due: Array, t_ns: int, begins: bool, values: Array, to
         t_ns: simulation time.
         begins: this is the first call in a tick. Samples in flight are then delivered first, as they are older than anything measured now.
         values: (n, w) numbers of the samples in flight, by slot.
-        told_values: (m, w) receives the numbers of delivered samples of streams that somebody reads or hears. Their entries are in `told`.
-            Samples that are read are appended to `log` as well; `slot` of the entry is the place there. `wordy` receives the places in `told` of
+        delivered_values: (m, w) receives the numbers of delivered samples of streams that somebody reads or hears. Their entries are in `delivered`.
+            Samples that are read are appended to `log` as well; `slot` of the entry is the place there. `wordy` receives the places in `delivered` of
             the samples with values that are no numbers.
 
     Returns:
-        How many samples of this tick are in `told`.
+        How many samples of this tick are in `delivered`.
     """
     heads, streams, counts = _heads(table), _streams(table), _counts(table)[0]
     share(_team(table), _disturb_range, (table, due, t_ns, values.shape[1]), len(due), _LEAST)
     if begins:
-        counts.told = counts.read = counts.wordy = 0
-        _arrive(table, values, told_values, t_ns)
+        counts.delivered = counts.read = counts.wordy = 0
+        _arrive(table, values, delivered_values, t_ns)
     for k in due:
         head = heads[k]
         if head.ready == 0:
             continue
         for s in range(head.stream_first, head.stream_first + head.stream_count):
             if streams[s].reading.dropped == 0:
-                _send(table, values, told_values, s, head.number, t_ns)
+                _send(table, values, delivered_values, s, head.number, t_ns)
         head.number += 1
     counts.next_ns = _pending(table)[0].t_sent_ns if counts.pending > 0 else NEVER
-    return int(counts.told)
+    return int(counts.delivered)
 
 
 def code() -> int:

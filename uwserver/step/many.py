@@ -63,11 +63,11 @@ def step_each(which: Array, copies: Array, code: int, ticks: int, posted: Array,
         if ticks > 0:
             run.first, run.until = run.tick, run.tick + ticks
             run.ends = run.written = 0
-        values, told_values = (
+        values, delivered_values = (
             _values(copy.values, copy.room, copy.width),
-            _values(copy.told_values, copy.room, copy.width),
+            _values(copy.delivered_values, copy.room, copy.width),
         )
-        copy.why = call_for_number(code, (table, sensors, values, told_values, posted, copy.room, copy.log_room))
+        copy.why = call_for_number(code, (table, sensors, values, delivered_values, posted, copy.room, copy.log_room))
         copy.tick = run.tick
         stopped += copy.why != DONE
     return stopped

@@ -293,7 +293,7 @@ def _write(table: Array, sensors: Array) -> None:
 
 
 @compiled
-def _round(table: Array, sensors: Array, values: Array, told_values: Array) -> int:
+def _round(table: Array, sensors: Array, values: Array, delivered_values: Array) -> int:
     """Go on with a round of readings from its present stage. Returns why it stops, or DONE at its end."""
     course, run, kinds = _course(table)[0], _run(table)[0], _kinds(table)
     if run.stage == RATES:
@@ -341,7 +341,7 @@ def _round(table: Array, sensors: Array, values: Array, told_values: Array) -> i
                 return UNIT
     if run.stage == DELIVER:
         run.stage = KEEP
-        given = sensors, _due(table)[: run.due], run.t_ns, run.begun == 0, values, told_values
+        given = sensors, _due(table)[: run.due], run.t_ns, run.begun == 0, values, delivered_values
         call_for_number(course.deliver, given)
         run.begun = 1
         if is_measured(run, DELIVER, 0):
@@ -351,7 +351,7 @@ def _round(table: Array, sensors: Array, values: Array, told_values: Array) -> i
 
 
 @compiled
-def measure(table: Array, sensors: Array, values: Array, told_values: Array) -> int:
+def measure(table: Array, sensors: Array, values: Array, delivered_values: Array) -> int:
     """Read the sensors, and deliver the samples of a tick. The order is part of the contract:
 
     1. samples in flight whose time has come, oldest first: they are older than anything measured now;
@@ -384,7 +384,7 @@ def measure(table: Array, sensors: Array, values: Array, told_values: Array) -> 
                 run.round += 1
                 continue
             run.stage = RATES
-        why = _round(table, sensors, values, told_values)
+        why = _round(table, sensors, values, delivered_values)
         if why != DONE:
             return why
     return DONE

@@ -101,7 +101,7 @@ COPY = np.dtype(
             "sensors",  # of the tables of its sensors and bodies,
             "world",
             "values",  # of the numbers of samples in flight,
-            "told_values",  # and of the delivered samples
+            "delivered_values",  # and of the delivered samples
             "width",  # numbers of a sample
             "room",  # samples for which there is room
             "log_room",

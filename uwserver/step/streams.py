@@ -73,11 +73,11 @@ NO_INTERVAL = -(2**62)
 COUNTS = np.dtype(
     [
         ("pending", "i8"),  # samples in flight
-        ("told", "i8"),  # samples that this tick has delivered to somebody
+        ("delivered", "i8"),  # samples that this tick has delivered to somebody
         ("order", "i8"),  # samples that were ever in flight
         ("next_ns", "i8"),  # time at which the next one in flight arrives
-        ("read", "i8"),  # of `told`: samples that somebody reads
-        ("wordy", "i8"),  # of `told`: samples with values that are no numbers
+        ("read", "i8"),  # of `delivered`: samples that somebody reads
+        ("wordy", "i8"),  # of `delivered`: samples with values that are no numbers
         ("logged", "i8"),  # entries in the log
         ("log_width", "i8"),  # numbers in the log
     ]
@@ -96,7 +96,7 @@ FORMS: Forms = {
     "numbers": columns(np.float64),
     "pending": ENTRY,
     "free": columns(np.int64),
-    "told": ENTRY,
+    "delivered": ENTRY,
     "thinnings": THINNING,
     "wordy": columns(np.int64),
     "log": ENTRY,

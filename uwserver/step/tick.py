@@ -39,7 +39,7 @@ from uwserver.step.rows import (
 _course, _run, _ends, _world, _surroundings, _pilots = (
     array_at(rows.FORMS, name) for name in ("course", "run", "ends", "world", "surroundings", "pilots")
 )
-_told, _counts = (array_at(streams.FORMS, name) for name in ("told", "counts"))
+_delivered, _counts = (array_at(streams.FORMS, name) for name in ("delivered", "counts"))
 _drifts, _intervals = array_at(rows.FORMS, "drifts"), array_at(rows.FORMS, "intervals")
 _place, _uniform = array_at(SURROUNDINGS, "place"), array_at(SURROUNDINGS, "uniform")
 
@@ -132,7 +132,7 @@ def _before_and_move(table: Array) -> int:
 
 
 @compiled
-def _go_on(table: Array, sensors: Array, values: Array, told_values: Array) -> int:
+def _go_on(table: Array, sensors: Array, values: Array, delivered_values: Array) -> int:
     """Go on with a tick from its present stage. Returns why it stops, or DONE at its end.
 
     The order is part of the contract (`world.part.Stage`). Python does three things before: it begins and ends faults; it carries out what was
@@ -151,13 +151,13 @@ def _go_on(table: Array, sensors: Array, values: Array, told_values: Array) -> i
         if why != DONE:
             return why
     if run.stage < HEAR:
-        why = measure(table, sensors, values, told_values)
+        why = measure(table, sensors, values, delivered_values)
         if why != DONE:
             return why
     if run.stage == HEAR:
         run.stage = END
-        if run.begun != 0 and counts.told > 0 and _course(table)[0].hear != 0:
-            given = _pilots(table), _told(sensors), told_values, counts.told, run.t_ns
+        if run.begun != 0 and counts.delivered > 0 and _course(table)[0].hear != 0:
+            given = _pilots(table), _delivered(sensors), delivered_values, counts.delivered, run.t_ns
             call(_course(table)[0].hear, given)
             if is_measured(run, HEAR, 0):
                 return UNIT
@@ -173,7 +173,7 @@ def _go_on(table: Array, sensors: Array, values: Array, told_values: Array) -> i
 
 @entry
 def step(
-    table: Array, sensors: Array, values: Array, told_values: Array, posted: Array, room: int, log_room: int
+    table: Array, sensors: Array, values: Array, delivered_values: Array, posted: Array, room: int, log_room: int
 ) -> int:
     """Make ticks until Python is needed, all of them are made, or something is posted.
 
@@ -181,7 +181,7 @@ def step(
 
     Args:
         table: made by `rows.FORMS`.
-        sensors, values, told_values: see `delivery.deliver`.
+        sensors, values, delivered_values: see `delivery.deliver`.
         posted: (1) other than 0 as soon as another thread has something for the world: the present tick is the last then.
         room, log_room: the number of samples for which there is room: in flight or delivered in one tick, and in the log.
 
@@ -201,7 +201,7 @@ def step(
                 why = DONE if done > 0 else ROOM
                 break
             run.stage, run.begun, run.logged = PILOTS, 0, counts.logged
-        why = _go_on(table, sensors, values, told_values)
+        why = _go_on(table, sensors, values, delivered_values)
     return why
 
 

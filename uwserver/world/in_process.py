@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from uwserver.ports import Call, Command, Json, OnReply, Port, Refused, Service
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.crossing import Later, Posted, TickOutput
-from uwserver.ports.told import Samples
+from uwserver.ports.sample_batch import Samples
 from uwserver.world.part import Carry
 from uwserver.world.reading import Reading
 from uwserver.world.requests import Requests

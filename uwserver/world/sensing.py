@@ -10,8 +10,8 @@ import numpy as np
 
 from uwserver.ports import Sample
 from uwserver.ports.checks import check_values
+from uwserver.ports.sample_batch import Origin, SampleBatch
 from uwserver.ports.thinning import WHOLE, Thinned
-from uwserver.ports.told import Origin, Told
 from uwserver.sensors.compiled import CompiledSensor
 from uwserver.step.streams import ENTRY, HEARD, KEPT, LARGE, NEVER, READ, SMALL
 from uwserver.units import NANOSECONDS
@@ -68,7 +68,7 @@ class Sensing(Part):
         self._wordy: list[SensorStream] = []
         self._origins: dict[int, Origin] = {}
         self._is_read = self._mask_of(())
-        self._told: Told | None = None
+        self._batch: SampleBatch | None = None
         self.numbers: dict[str, int] = {}
         self.under_way = UnderWay(sensor_arrays, self._is_needed)
         self.services = ((DROP, self.under_way.drop),)
@@ -200,12 +200,12 @@ class Sensing(Part):
 
     def take_texts(self) -> None:
         """Find the texts of readings that compiled code has written (`sensors.others.Writing`)."""
-        told = self._sensor_arrays.streams.rows["texts"]
-        (streams,) = told.nonzero()
-        for k, texts in zip(streams.tolist(), told[streams].tolist(), strict=True):
+        written = self._sensor_arrays.streams.rows["texts"]
+        (streams,) = written.nonzero()
+        for k, texts in zip(streams.tolist(), written[streams].tolist(), strict=True):
             stream = self._streams[k]
             stream.fresh = stream.loose = stream.newest = self._origins[k].texts[texts - 1]
-        told[streams] = 0
+        written[streams] = 0
 
     def _tell(self, first: int, ends: Sequence[int], with_words: bool, samples: list[Sample]) -> None:
         """Hand on the samples that were delivered in some ticks.
@@ -214,7 +214,7 @@ class Sensing(Part):
             first: place in the log at which they begin.
             ends: for each tick with samples that are read, the place in the log behind them.
             with_words: whether the last tick has samples with values that are no numbers.
-            samples: takes the samples that `take_told` does not return.
+            samples: takes the samples that `take_batch` does not return.
         """
         log, is_large = self._sensor_arrays.log, False
         for k, seq, place in self._sensor_arrays.wordy if with_words else ():
@@ -226,22 +226,22 @@ class Sensing(Part):
                 is_large = is_large or not stream.columns.is_small
         if not ends:
             return
-        before, told = self._told, Told(self._origins, log, first, ends[-1], len(ends), tuple(ends[:-1]))
-        together = told if before is None else before.followed_by(told)
+        before, batch = self._batch, SampleBatch(self._origins, log, first, ends[-1], len(ends), tuple(ends[:-1]))
+        together = batch if before is None else before.followed_by(batch)
         if together is not None and not is_large:
-            self._told = together
+            self._batch = together
             return
-        samples += (*(before or ()), *told)
-        self._told = None
+        samples += (*(before or ()), *batch)
+        self._batch = None
         for place in range(
             first, ends[-1]
         ):  # A picture must not be kept alive by the samples that were delivered with it.
             log.loose.pop(place, None)
 
-    def take_told(self) -> Told | None:
+    def take_batch(self) -> SampleBatch | None:
         """Return the samples that were delivered lately, except those that `tell` has appended."""
-        told, self._told = self._told, None
-        return told
+        batch, self._batch = self._batch, None
+        return batch
 
     def newest(self, path: str) -> Sample | None:
         """Return the newest delivered sample of a port; None before the first, and after the time was set."""

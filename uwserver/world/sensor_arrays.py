@@ -16,8 +16,8 @@ from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.rays.raycast import Geometry
+from uwserver.ports.sample_batch import Log
 from uwserver.ports.thinning import Thinning
-from uwserver.ports.told import Log
 from uwserver.sensors import Scope
 from uwserver.sensors.compiled import HEAD, SensorKernel, load
 from uwserver.sensors.others import Sight
@@ -82,10 +82,10 @@ class SensorArrays:
         self._records: dict[int, Pool] = {}
         self.is_read = True
         self.roused: dict[Any, None] = {}  # slots, whose class imports this module
-        self._pending, self._told = np.zeros(_SLOTS, ENTRY), np.zeros(_SLOTS, ENTRY)
+        self._pending, self._delivered = np.zeros(_SLOTS, ENTRY), np.zeros(_SLOTS, ENTRY)
         self._free, self._counts = np.arange(_SLOTS), np.zeros(1, COUNTS)
-        self._told_counts = self._counts.view(np.int64)  # An array of int64 is quicker to read than a record.
-        self._values, self._told_values = np.zeros((_SLOTS, 1)), np.zeros((_SLOTS, 1))
+        self._counts_as_int64 = self._counts.view(np.int64)  # An array of int64 is quicker to read than a record.
+        self._values, self._delivered_values = np.zeros((_SLOTS, 1)), np.zeros((_SLOTS, 1))
         self._wordy, self._thinnings = np.zeros(_SLOTS, np.int64), np.zeros(0, THINNING)
         self.next_ns, self.wordy_count, self._on_their_way = NEVER, 0, 0
         self.log, self.logged = Log(np.zeros(0, ENTRY), np.zeros(0)), 0
@@ -140,8 +140,8 @@ class SensorArrays:
         for pool in (self.heads, *self._records.values(), self.streams, self.operations, self.numbers, self.voices):
             pool.move(place)
         self._counts, self._pending, self._free = place(self._counts), place(self._pending), place(self._free)
-        self._told_counts = self._counts.view(np.int64)
-        self._values, self._told, self._told_values = place(self._values), place(self._told), place(self._told_values)
+        self._counts_as_int64 = self._counts.view(np.int64)
+        self._values, self._delivered, self._delivered_values = place(self._values), place(self._delivered), place(self._delivered_values)
         self.nu_dot, self.tau, self._place = place(self.nu_dot), place(self.tau), place(self._place)
         own = {"nu_dot": self.nu_dot, "tau": self.tau, "place": self._place, "voices": self.voices.rows}
         self._visible |= own | {name: getattr(self._hydro, name) for name in ("state", "bodies", "thrusters")}
@@ -157,7 +157,7 @@ class SensorArrays:
             "numbers": self.numbers.rows,
             "pending": self._pending,
             "free": self._free,
-            "told": self._told,
+            "delivered": self._delivered,
             "thinnings": self._thinnings,
             "wordy": self._wordy,
             "log": self.log.entries,
@@ -165,7 +165,7 @@ class SensorArrays:
             "counts": self._counts,
             "team": self._hydro.team,
         }
-        self._kept, self._told_table = rows, self._told.view(np.int64).reshape(-1, ENTRY.itemsize // 8)
+        self._kept, self._delivered_table = rows, self._delivered.view(np.int64).reshape(-1, ENTRY.itemsize // 8)
         self.table = layout.addresses(FORMS, rows)
 
     def _make_room(self, needed: int, width: int = 0) -> None:
@@ -176,8 +176,8 @@ class SensorArrays:
         if width > wide:
             self._log_room = 0  # The present log has room for narrower samples only.
         more, wide = (room if needed <= room else needed + needed // 4), max(wide, width)
-        self._pending, self._told = _grown(self._pending, more), _grown(self._told, more)
-        self._values, self._told_values = _grown(self._values, more, wide), _grown(self._told_values, more, wide)
+        self._pending, self._delivered = _grown(self._pending, more), _grown(self._delivered, more)
+        self._values, self._delivered_values = _grown(self._values, more, wide), _grown(self._delivered_values, more, wide)
         self._free = np.concatenate([self._free, np.arange(room, more)])
         self._wordy = _grown(self._wordy, more)  # In a tick, sensors measure in several rounds.
         self._tabulate()
@@ -205,7 +205,7 @@ class SensorArrays:
         self._pending["slot"][:n] = np.arange(n)
         self._values[:n][self._number_mask(entries, self._values.shape[1])] = numbers
         self._on_their_way = n
-        self._counts["pending"], self._counts["told"], self._counts["order"] = n, 0, order
+        self._counts["pending"], self._counts["delivered"], self._counts["order"] = n, 0, order
         self._counts["next_ns"] = self.next_ns = int(entries["t_sent_ns"][0]) if n else NEVER
 
     def arriving(self, t_ns: int) -> list[tuple[int, int, int]]:
@@ -279,7 +279,7 @@ class SensorArrays:
     def to_deliver(self) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return the table and the two arrays of values for `delivery.deliver`. They hold until sensors are added or removed, or another
         log begins."""
-        return self.table, self._values, self._told_values
+        return self.table, self._values, self._delivered_values
 
     @property
     def room(self) -> tuple[int, int]:
@@ -297,7 +297,7 @@ class SensorArrays:
 
     def take_over(self) -> None:
         """Read the counts after compiled code has delivered samples."""
-        self._on_their_way, _, _, self.next_ns, _, self.wordy_count, self.logged, _ = self._told_counts.tolist()
+        self._on_their_way, _, _, self.next_ns, _, self.wordy_count, self.logged, _ = self._counts_as_int64.tolist()
 
     def _begin_log(self, needed: int) -> None:
         """Begin another log, with room for at least `needed` samples. Readers of samples in the old log keep it alive."""
@@ -311,7 +311,7 @@ class SensorArrays:
     def wordy(self) -> list[tuple[int, int, int]]:
         """Stream, number and place in the log of each sample of this tick with values that are no numbers; the place is -1 if nothing reads
         the sample."""
-        entries = self._told_table[self._wordy[: self.wordy_count]].tolist()
+        entries = self._delivered_table[self._wordy[: self.wordy_count]].tolist()
         return [(stream, seq, slot) for _, _, stream, seq, _, _, slot in entries]
 
 

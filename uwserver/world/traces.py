@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Port, Refused, Sample, matches
-from uwserver.ports.told import Samples
+from uwserver.ports.sample_batch import Samples
 from uwserver.units import NANOSECONDS
 from uwserver.world.reading import as_array
 

@@ -319,7 +319,7 @@ class World(InProcess):
     def _end_tick(self, output: TickOutput, diverged: int = -1) -> None:
         """Give samples to the parts that listen, and complete the output. `diverged` is the row of the first body whose state is not
         finite."""
-        output.told = self.sensing.take_told()
+        output.batch = self.sensing.take_batch()
         ears = self.stepping.turns.ears
         for sample in output.samples if ears else ():
             for hear in ears.get(sample.port, ()):

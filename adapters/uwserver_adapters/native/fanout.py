@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import msgspec
 
-from uwserver.adapter import AdapterContext, Thinned, Told
+from uwserver.adapter import AdapterContext, SampleBatch, Thinned
 from uwserver.ports import Event, Port, Sample, matching
 from uwserver_adapters.native.jpegs import Jpegs
 from uwserver_adapters.native.messages import Encoding, Notice
@@ -188,15 +188,15 @@ class Fanout:
             outbox.gather()
         self._touched |= touched
 
-    def put_told(self, told: Told) -> None:
+    def put_batch(self, batch: SampleBatch) -> None:
         """Queue the samples of some successive ticks; `send_samples` follows."""
-        for part in told.parts(TOGETHER):
+        for part in batch.parts(TOGETHER):
             outboxes = self._together.send(part)
             if outboxes is None:
                 self._put(part)
             else:
                 self._touched.update(outboxes)
-        self._count_down(told.ticks)
+        self._count_down(batch.ticks)
 
     def _count_down(self, ticks: int) -> None:
         if self._ticks_to_update:

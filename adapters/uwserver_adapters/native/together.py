@@ -21,7 +21,7 @@ from uwserver.adapter import (
     AdapterStats,
     NotMet,
     Origin,
-    Told,
+    SampleBatch,
     choose,
 )
 from uwserver.ports import Value
@@ -74,26 +74,26 @@ class Together:
         self._line_of: IntArray = np.zeros(0, np.int64)
         self._rates: list[float] = []
 
-    def send(self, told: Told) -> list[Outbox] | None:
+    def send(self, batch: SampleBatch) -> list[Outbox] | None:
         """Queue all samples for their clients.
 
         Returns:
             The outboxes that have to be flushed. None if nothing was done, because a port has no client or several clients, a client is behind, a
             sample holds more than numbers, such as a picture, or time was set back.
         """
-        if told.origins is not self._origins:
+        if batch.origins is not self._origins:
             self.forget()
-            self._origins = told.origins
+            self._origins = batch.origins
         try:
-            chosen = self._choose(told)
+            chosen = self._choose(batch)
         except NotMet:
-            self._find_new_lines(told)
-            chosen = self._choose(told)
+            self._find_new_lines(batch)
+            chosen = self._choose(batch)
         if chosen is None:
             return None
         messages: dict[Outbox, tuple[Codec, list[Struct]]] = {}
-        entries = told.entries()
-        for number, entry, values in zip(chosen.tolist(), entries, told.values(entries), strict=True):
+        entries = batch.entries()
+        for number, entry, values in zip(chosen.tolist(), entries, batch.values(entries), strict=True):
             if number != NOBODY:
                 line = self._lines[number]
                 messages.setdefault(line.outbox, (line.codec, []))[1].append(_message(line, entry, values))
@@ -101,21 +101,21 @@ class Together:
             self._send_to(outbox, codec, some)
         return list(messages)
 
-    def _choose(self, told: Told) -> IntArray | None:
+    def _choose(self, batch: SampleBatch) -> IntArray | None:
         """Return the line of each sample, or NOBODY; None if it cannot be decided here. Raises `NotMet` for a new stream."""
         shares = [line.share for line in self._lines]
         newest = [share.newest for share in shares]
         ready = [line.outbox.is_ready for line in self._lines]
         starts = [share.start_ns for share in shares]
-        chosen = choose(told, self._line_of, ready, self._rates, starts, newest)
+        chosen = choose(batch, self._line_of, ready, self._rates, starts, newest)
         if chosen is not None:
             for share, interval in zip(shares, newest, strict=True):
                 share.newest = interval
         return chosen
 
-    def _find_new_lines(self, told: Told) -> None:
+    def _find_new_lines(self, batch: SampleBatch) -> None:
         """Find the lines of new streams, and begin their intervals."""
-        first_ns = {stream: t_ns for _, _, stream, _, t_ns, _, _ in reversed(told.entries())}
+        first_ns = {stream: t_ns for _, _, stream, _, t_ns, _, _ in reversed(batch.entries())}
         known = len(self._line_of)
         line_of = np.full(max(known, 1 + max(first_ns)), UNKNOWN)
         line_of[:known] = self._line_of

@@ -14,7 +14,7 @@ from uwserver_bench.swarm_client import PORTS
 from uwserver_bench.swarm_scenario import LEG_M, RATE_HZ, SPACING_M, mission, names, place
 
 from uwserver.copies.batch import Batch
-from uwserver.ports.told import Told
+from uwserver.ports.sample_batch import SampleBatch
 from uwserver.simulation.clock import SystemTime, processor_ns
 from uwserver.world.world import World
 
@@ -122,7 +122,7 @@ def test_the_bars_of_copies_are_in_vehicle_steps(monkeypatch: pytest.MonkeyPatch
 def test_samples_that_nobody_looks_at_are_not_made(kind: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither in a program nor in a server without clients."""
     made: list[str] = []
-    monkeypatch.setattr(Told, "__iter__", lambda told: made.append("sample") or iter(()))
+    monkeypatch.setattr(SampleBatch, "__iter__", lambda batch: made.append("sample") or iter(()))
     assert len(swarm_world.unread({"kind": kind, "vehicles": 2, **EFFORT})["ratio"]) == 2  # type: ignore[arg-type]
     assert not made
 

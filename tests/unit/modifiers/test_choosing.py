@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from uwserver.modifiers.choosing import NOBODY, NOT_BEGUN, UNKNOWN, NotMet, choose
+from uwserver.ports.sample_batch import Log, SampleBatch
 from uwserver.ports.thinning import Thinning
-from uwserver.ports.told import Log, Told
 from uwserver.step.streams import ENTRY
 
 
-def told(samples: list[tuple[int, int]]) -> Told:
+def batch(samples: list[tuple[int, int]]) -> SampleBatch:
     """Samples of these streams, true at these times; the log begins with one of somebody else."""
     log = Log(np.zeros(1 + len(samples), ENTRY), np.zeros(1))
     for place, (stream, t_ns) in enumerate(samples, 1):
         log.entries[place] = (t_ns, 0, stream, place, t_ns, 1, 0)
-    return Told({}, log, 1, len(samples) + 1)
+    return SampleBatch({}, log, 1, len(samples) + 1)
 
 
 def test_each_line_takes_the_first_in_each_of_its_intervals() -> None:
@@ -35,7 +35,7 @@ def test_each_line_takes_the_first_in_each_of_its_intervals() -> None:
         interval = Thinning(rates[line], starts[line]).interval(t_ns) if rates[line] else last[line] + 1
         wanted.append(line if interval > last[line] else NOBODY)
         last[line] = max(last[line], interval) if rates[line] else last[line]
-    got = choose(told([(k, t) for t, k in samples]), lines, [True] * 6, rates, starts, newest)
+    got = choose(batch([(k, t) for t, k in samples]), lines, [True] * 6, rates, starts, newest)
     assert got is not None
     assert got.tolist() == wanted
     assert newest == last
@@ -49,14 +49,14 @@ def test_each_line_takes_the_first_in_each_of_its_intervals() -> None:
 )
 def test_where_it_cannot_nothing_is_changed(streams: tuple[int, ...], ready: tuple[bool, ...], t_ns: int) -> None:
     newest = [3, 5]
-    samples = told([(stream, 10**9 if n == 0 else t_ns) for n, stream in enumerate(streams)])
+    samples = batch([(stream, 10**9 if n == 0 else t_ns) for n, stream in enumerate(streams)])
     assert choose(samples, np.array([0, NOBODY, 1]), [*ready], [10.0, 0.0], [0, 0], newest) is None
     assert newest == [3, 5]
 
 
 def test_a_little_back_is_only_late() -> None:
     newest = [20]
-    got = choose(told([(0, 10**9), (0, 2 * 10**9 + 10**8)]), np.array([0]), [True], [10.0], [0], newest)
+    got = choose(batch([(0, 10**9), (0, 2 * 10**9 + 10**8)]), np.array([0]), [True], [10.0], [0], newest)
     assert got is not None
     assert (got.tolist(), newest) == ([NOBODY, 0], [21])
 
@@ -65,5 +65,5 @@ def test_a_little_back_is_only_late() -> None:
 def test_who_is_met_for_the_first_time_is_told(lines: list[int]) -> None:
     newest = [0, 0]
     with pytest.raises(NotMet):
-        choose(told([(0, 10**9), (1, 5)]), np.array(lines), [True, True], [1.0, 1.0], [0, NOT_BEGUN], newest)
+        choose(batch([(0, 10**9), (1, 5)]), np.array(lines), [True, True], [1.0, 1.0], [0, NOT_BEGUN], newest)
     assert newest == [0, 0]

@@ -69,7 +69,7 @@ def test_the_same_run_gives_the_same_states(resolved, tmp_path: Path):
 def test_what_nobody_reads_is_not_made(resolved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     path = recorded(tmp_path / "run.mcap", resolved, entries(resolved))
     made: list[object] = []
-    monkeypatch.setattr(sensing, "Told", lambda *parts: made.append(parts))
+    monkeypatch.setattr(sensing, "SampleBatch", lambda *parts: made.append(parts))
     assert replay(path).difference is None
     assert made == []
 

@@ -124,13 +124,13 @@ def test_samples_that_are_encoded_in_one_go_are_those_that_are_encoded_one_by_on
                 where = {"p_NB": [4.0, 0.0, 2.0], "q_NB": [1.0, 0.0, 0.0, 0.0]}
                 world.submit(Call("world/spawn", {"name": "second", "like": "rov", **where}, "me"))
             output = world.advance()
-            told = output.told
+            batch = output.batch
             for recorder in (one, other):
                 recorder.ticked(world)
-            if told is not None and not output.made:
-                rows += len(told)
-                one.put_told(told)
-                other.put_samples(list(told))
+            if batch is not None and not output.made:
+                rows += len(batch)
+                one.put_batch(batch)
+                other.put_samples(list(batch))
             else:
                 for recorder in (one, other):
                     recorder.put_samples(output.samples)

@@ -7,12 +7,12 @@ import logging
 import pytest
 from lock_rig import Keeper
 from msgspec.structs import replace
-from unit.ports.test_told import SAMPLES, full, told
+from unit.ports.test_sample_batch import SAMPLES, batch, full
 
 from uwserver.ports import Buffer, Call, Command, Event, Field, Port, Progress, Refused, Reply, Sample
 from uwserver.ports.crossing import TickOutput
+from uwserver.ports.sample_batch import SampleBatch
 from uwserver.ports.thinning import Thinning
-from uwserver.ports.told import Told
 from uwserver.simulation.bus import MAX_TICKS, Bus
 from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.turns import MAX_WAITING
@@ -428,16 +428,16 @@ def test_rows_become_samples_once_where_several_read_them_and_not_before_where_o
     for sink in sinks:
         sink.put_samples = seen.append  # type: ignore[method-assign]
     first = bus.attach(sinks[0])
-    bus.publish(TickOutput(1, 1, [], told=told()))
+    bus.publish(TickOutput(1, 1, [], batch=batch()))
     bus.drain()
     bus.attach(sinks[1])
-    bus.publish(TickOutput(2, 2, [], told=told()))
+    bus.publish(TickOutput(2, 2, [], batch=batch()))
     bus.drain()
-    assert isinstance(seen[0], Told)
+    assert isinstance(seen[0], SampleBatch)
     assert seen[1] is seen[2] == SAMPLES
     assert bus.last["rov/imu"] == SAMPLES[2]
     first()
-    bus.publish(TickOutput(3, 3, [SAMPLES[0]], told=told()))
+    bus.publish(TickOutput(3, 3, [SAMPLES[0]], batch=batch()))
     bus.drain()
     assert seen[3] == [*SAMPLES, SAMPLES[0]]
 
@@ -446,21 +446,21 @@ def test_rows_for_which_there_is_no_room_are_counted():
     bus = Bus(lambda call: None, MockTime())
     for k in range(MAX_TICKS):
         bus.publish(tick(k))
-    bus.publish(TickOutput(1, 1, [], told=told()))
+    bus.publish(TickOutput(1, 1, [], batch=batch()))
     assert bus.dropped == len(SAMPLES)
 
 
 class Rows(Notes):
     """Takes rows as they are."""
 
-    def put_told(self, told: Told) -> None:
-        self.seen.append((told.ticks, [s.seq for s in told]))
+    def put_batch(self, batch: SampleBatch) -> None:
+        self.seen.append((batch.ticks, [s.seq for s in batch]))
 
 
 def rows_of_ticks(count: int, **parts) -> list[TickOutput]:
     """One sample each, which follow each other."""
-    log, origins, ports = full(), told().origins, {}
-    return [TickOutput(k, k, [], told=Told(origins, log, 2 + k, 3 + k), ports=ports, **parts) for k in range(count)]
+    log, origins, ports = full(), batch().origins, {}
+    return [TickOutput(k, k, [], batch=SampleBatch(origins, log, 2 + k, 3 + k), ports=ports, **parts) for k in range(count)]
 
 
 def test_who_is_alone_gets_the_rows_of_some_ticks_at_once():
@@ -498,8 +498,8 @@ def test_ticks_that_were_made_in_one_go_count_and_are_told_one_by_one():
     rows, notes = Rows(), Notes()
     bus.attach(rows)
     bus.attach(notes)
-    together = Told(told().origins, full(), 2, 5, 3, (3, 4))
-    bus.publish(TickOutput(3, 3, [], told=together, ports={}))
+    together = SampleBatch(batch().origins, full(), 2, 5, 3, (3, 4))
+    bus.publish(TickOutput(3, 3, [], batch=together, ports={}))
     assert bus.backlog() == 3
     bus.dispatch()
     assert notes.seen == [[7], [2], [8]]

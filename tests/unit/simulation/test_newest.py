@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import weakref
 
-from unit.ports.test_told import SAMPLES, full, told
+from unit.ports.test_sample_batch import SAMPLES, batch, full
 
 from uwserver.ports import Sample
-from uwserver.ports.told import Told
+from uwserver.ports.sample_batch import SampleBatch
 from uwserver.simulation.newest import Newest
 
 
 def test_the_newest_counts_made_or_not():
     newest = Newest()
     newest.put([Sample("rov/imu", 6, 90, 90, True, ((0.0, 0.0, 0.0), 1)), Sample("rov/depth", 1, 90, 90, True, (1.0,))])
-    newest.put(told())
+    newest.put(batch())
     assert dict(newest) == {
         "rov/imu": SAMPLES[2], "rov/state": SAMPLES[1], "rov/depth": Sample("rov/depth", 1, 90, 90, True, (1.0,)),
     }  # fmt: skip
@@ -26,7 +26,7 @@ def test_the_newest_counts_made_or_not():
 
 def test_what_is_not_kept_is_forgotten():
     newest = Newest()
-    newest.put(told())
+    newest.put(batch())
     newest.keep(lambda path: path == "rov/state")
     assert list(newest) == ["rov/state"]
     assert len(newest) == 1
@@ -35,12 +35,12 @@ def test_what_is_not_kept_is_forgotten():
 
 
 def test_a_slow_port_does_not_keep_all_that_was_told_with_its_newest():
-    newest, origins = Newest(), told().origins
+    newest, origins = Newest(), batch().origins
     logs = [full() for _ in range(3)]
     kept = [weakref.ref(log.entries) for log in logs]
-    newest.put(told(logs[0]))
+    newest.put(batch(logs[0]))
     for log in logs[1:]:
-        newest.put(Told(origins, log, 2, 3))  # one port alone goes on
+        newest.put(SampleBatch(origins, log, 2, 3))  # one port alone goes on
     del log
     logs.clear()
     assert newest["rov/state"] == SAMPLES[1]

@@ -9,8 +9,7 @@ from collections.abc import Collection, Iterator
 import pytest
 from simulation_rig import PATIENCE_S, Rig, running
 
-from uwserver.ports import Call, Sample, SceneState
-from uwserver.ports import told as told_module
+from uwserver.ports import Call, Sample, SceneState, sample_batch
 from uwserver.ports.checks import checked_args
 from uwserver.ports.crossing import TickOutput
 from uwserver.scenario.build.world import build
@@ -58,7 +57,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     publish = Bus.publish
 
     def counted(bus: Bus, output: TickOutput, wake: bool = True) -> None:
-        ports.extend(() if output.told is None else output.told.ports)
+        ports.extend(() if output.batch is None else output.batch.ports)
         ports.extend(sample.port for sample in output.made)
         publish(bus, output, wake)
 
@@ -180,7 +179,7 @@ def test_the_newest_of_what_nobody_wants_can_be_read(still: Rig, resolved: Resol
         objects.append(port)
         return Sample(port, *parts)
 
-    for maker in (told_module, sensing):
+    for maker in (sample_batch, sensing):
         monkeypatch.setattr(maker, "Sample", counted)
     monkeypatch.setattr(module, "AT_ONCE", 2)
     still.call("world/step", n=TICKS)

@@ -49,8 +49,8 @@ def test_what_is_heard_alone_is_delivered_and_not_read() -> None:
     assert [s.port for s in rig.samples(1)] == ["c"]
     a, b, c = (rig.sensing.numbers[path] for path in "abc")
     assert rig.sensor_arrays.streams.rows["wanted"][[a, b, c]].tolist() == [0, HEARD, READ]
-    assert rig.sensor_arrays._told["stream"][:2].tolist() == [b, c]
-    assert rig.sensor_arrays._told_values[:2, 0].tolist() == [1.0, 1.0]
+    assert rig.sensor_arrays._delivered["stream"][:2].tolist() == [b, c]
+    assert rig.sensor_arrays._delivered_values[:2, 0].tolist() == [1.0, 1.0]
     assert rig.sensor_arrays.logged == 1
     assert rig.sensor_arrays.streams.rows["seq"][a] == 0
     assert rig.slots["a"].number == 1

@@ -10,7 +10,7 @@ from msgspec import structs
 from sensing_rig import Adds, Counter, Listener, Repeater, Rig, Shouts, Speaker, slot_of, stream
 
 from uwserver.modifiers import Measurement
-from uwserver.ports import Buffer, Field, Port, Sample, told
+from uwserver.ports import Buffer, Field, Port, Sample, sample_batch
 from uwserver.sensors import Sensor
 from uwserver.world.components import SensorStream
 from uwserver.world.on_their_way import WAY, OnTheirWay
@@ -274,13 +274,13 @@ def test_many_samples_stay_rows_until_somebody_looks_at_them(monkeypatch: pytest
     assert len(expected) == 14
     made: list[Sample] = []
     with monkeypatch.context() as patch:
-        patch.setattr(told, "Sample", None)
+        patch.setattr(sample_batch, "Sample", None)
         rig.make(1, made)
-        first = rig.sensing.take_told()
+        first = rig.sensing.take_batch()
         rig.make(2, made)
-        second = rig.sensing.take_told()
+        second = rig.sensing.take_batch()
     assert made == []
-    assert rig.sensing.take_told() is None
+    assert rig.sensing.take_batch() is None
     assert first is not None
     assert second is not None
     assert [*first, *second] == expected, "the next tick writes where the first one has its rows, or its texts"
@@ -289,7 +289,7 @@ def test_many_samples_stay_rows_until_somebody_looks_at_them(monkeypatch: pytest
 def test_a_picture_is_not_kept_by_what_was_delivered_with_it() -> None:
     rig, made = swarm(Seeing), list[Sample]()
     rig.make(1, made)
-    assert (len(made), rig.sensing.take_told()) == (7, None)
+    assert (len(made), rig.sensing.take_batch()) == (7, None)
 
 
 def test_texts_that_nobody_reads_are_no_samples() -> None:

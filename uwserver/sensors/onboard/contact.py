@@ -50,7 +50,7 @@ _RECORD = record(
     [
         ("points", "i8"), ("threshold", "f8"),
         # Work space of a reading: number of reported contacts, their numbers, and the squares of their impulses (N2 s2).
-        ("told", "i8"), ("contact", "i8", (MOST_POINTS,)), ("strength", "f8", (MOST_POINTS,)),
+        ("reported", "i8"), ("contact", "i8", (MOST_POINTS,)), ("strength", "f8", (MOST_POINTS,)),
     ]
 )  # fmt: skip
 TOUCHING, COUNT, IMPULSE, BODY, POINTS = 0, 1, 2, 5, 6
@@ -60,13 +60,13 @@ TOUCHING, COUNT, IMPULSE, BODY, POINTS = 0, 1, 2, 5, 6
 @compiled
 def _insert(row: Any, contact: int, strength: float) -> None:
     """Insert a contact into the reported ones, if it is among the strongest. Among equal ones the earlier comes first."""
-    k = row.told
+    k = row.reported
     if k == row.points:
         k -= 1
         if strength <= row.strength[k]:
             return
     else:
-        row.told += 1
+        row.reported += 1
     while k > 0 and row.strength[k - 1] < strength:
         row.contact[k], row.strength[k] = row.contact[k - 1], row.strength[k - 1]
         k -= 1
@@ -77,7 +77,7 @@ def _insert(row: Any, contact: int, strength: float) -> None:
 def measure(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> None:
     """Write the contacts; always valid. Values are missing if there are fewer contacts than points."""
     body_a, body_b, point, impulse, contacts = touched(surroundings)
-    count, x, y, z, row.told = 0, 0.0, 0.0, 0.0, 0
+    count, x, y, z, row.reported = 0, 0.0, 0.0, 0.0, 0
     for k in range(contacts):
         mine = 1.0 if body_a[k] == head.body else -1.0 if body_b[k] == head.body else 0.0
         strength = impulse[k, 0] ** 2 + impulse[k, 1] ** 2 + impulse[k, 2] ** 2
@@ -92,7 +92,7 @@ def measure(head: Any, row: Any, surroundings: Array, t: float, out: Array) -> N
     out[TOUCHING], whole[COUNT], whole[BODY] = 1.0 if count > 0 else 0.0, count, NO_INT
     x, y, z = rotate(to_B, (x, y, z))
     out[IMPULSE], out[IMPULSE + 1], out[IMPULSE + 2] = x + 0.0, y + 0.0, z + 0.0  # + 0.0 turns -0.0 into 0.0
-    for n in range(row.told):
+    for n in range(row.reported):
         k, i, j = row.contact[n], POINTS + 3 * n, POINTS + 3 * (row.points + n)
         is_a = body_a[k] == head.body
         if n == 0:

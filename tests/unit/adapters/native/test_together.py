@@ -15,7 +15,7 @@ from uwserver_adapters.native.messages import Notice
 
 from uwserver.modifiers.columns import columns_of
 from uwserver.ports import Event, Field, Port
-from uwserver.ports.told import Log, Origin, Told
+from uwserver.ports.sample_batch import Log, Origin, SampleBatch
 from uwserver.step.streams import ENTRY
 from uwserver.testing.fake_context import DEPTH, IMU, THRUSTERS
 
@@ -35,7 +35,7 @@ PORTS = (IMU, DEPTH, STATE)
 STEP_NS = 20_000_000
 
 
-def told(ticks: int = 20, mode: str = "manual") -> Told:
+def batch(ticks: int = 20, mode: str = "manual") -> SampleBatch:
     """Each port in each tick, with a missing number now and then; they fill a log from its second place on."""
     columns = [columns_of(port.fields) for port in PORTS]
     origins = {k: Origin(port.path, c.width, c.values) for k, (port, c) in enumerate(zip(PORTS, columns, strict=True))}
@@ -55,7 +55,7 @@ def told(ticks: int = 20, mode: str = "manual") -> Told:
             if c.loose:
                 log.loose[place] = c.loose_of(values)
             at, place = at + c.width, place + 1
-    return Told(origins, log, 1, place, ticks)
+    return SampleBatch(origins, log, 1, place, ticks)
 
 
 @pytest.fixture
@@ -78,8 +78,8 @@ def played(stage: Callable[..., Any], scene: Callable[[Any, fanout.Fanout], Any]
     asyncio.run(play())
 
 
-def put(routes: fanout.Fanout, samples: Told, one_by_one: bool = False) -> None:
-    (routes.put_samples if one_by_one else routes.put_told)(samples)
+def put(routes: fanout.Fanout, samples: SampleBatch, one_by_one: bool = False) -> None:
+    (routes.put_samples if one_by_one else routes.put_batch)(samples)
     routes.send_samples()
 
 
@@ -95,7 +95,7 @@ def test_a_client_gets_the_same_as_one_by_one(
         await talker.result("subscribe", {"pattern": "rov/imu", "rate_hz": 10.0, "delivery": "latest"})
         await talker.result("subscribe", {"pattern": "rov/depth", "delivery": "latest"})
         await talker.result("subscribe", {"pattern": "rov/state", "rate_hz": 20.0, "delivery": "latest"})
-        for part in told().parts(3) if one_by_one else [told()]:
+        for part in batch().parts(3) if one_by_one else [batch()]:
             put(routes, part, one_by_one)
         heard.append(talker.transport.take())
         stats = theatre.context.stats
@@ -115,7 +115,7 @@ def test_what_waits_goes_before(stage: Callable[..., Any], encoded: list[int]) -
         await talker.result("subscribe", {"pattern": "**"})
         (session,) = routes.sessions
         session.outbox.put_reply(session.codec.message(Notice("event", Event("paused", 1, 1, "first"))))
-        put(routes, told(2))
+        put(routes, batch(2))
         messages = talker.heard()
         assert [message["method"] for message in messages] == ["event", *["sample"] * 6]
         assert encoded == [6]
@@ -129,11 +129,11 @@ def test_of_several_clients_each_gets_what_it_takes(stage: Callable[..., Any], e
         await one.result("subscribe", {"pattern": "rov/imu"})
         await one.result("subscribe", {"pattern": "rov/state"})
         await other.result("subscribe", {"pattern": "rov/depth"})
-        put(routes, told(3))
+        put(routes, batch(3))
         assert [len(talker.samples()) for talker in (one, other)] == [6, 3]
         assert encoded == [6, 3], "each has ports of its own"
         await other.result("subscribe", {"pattern": "rov/imu"})
-        put(routes, told(3))
+        put(routes, batch(3))
         assert [len(talker.samples()) for talker in (one, other)] == [6, 6]
         assert encoded == [6, 3], "two take a port"
 
@@ -145,16 +145,16 @@ def test_messages_for_several_clients_are_made_in_one_pass(
 ) -> None:
     """However many there are, values become objects once."""
     passes: list[int] = []
-    values = Told.values
+    values = SampleBatch.values
     monkeypatch.setattr(
-        Told, "values", lambda self, entries: (passes.append(len(entries)), values(self, entries))[1]
+        SampleBatch, "values", lambda self, entries: (passes.append(len(entries)), values(self, entries))[1]
     )  # fmt: skip
 
     async def scene(theatre: Any, routes: fanout.Fanout) -> None:
         talkers = [theatre.talker(encoding) for encoding in ("msgpack", "json", "msgpack")]
         for talker, port in zip(talkers, PORTS, strict=True):
             await talker.result("subscribe", {"pattern": port.path, "rate_hz": 25.0})
-        put(routes, told(7))
+        put(routes, batch(7))
         heard = [talker.samples() for talker in talkers]
         assert [[sample["port"] for sample in each] for each in heard] == [[port.path] * 4 for port in PORTS]
         assert (passes, encoded) == ([21], [4, 4, 4])
@@ -166,10 +166,10 @@ def test_who_takes_nothing_more_is_not_sent_to(stage: Callable[..., Any], encode
     async def scene(theatre: Any, routes: fanout.Fanout) -> None:
         talker = theatre.talker()
         number = (await talker.result("subscribe", {"pattern": "**"}))["subscription"]
-        put(routes, told(1))
+        put(routes, batch(1))
         await talker.result("unsubscribe", {"subscription": number})
         await talker.result("subscribe", {"pattern": "rov/imu", "fields": ["w_S"]})
-        put(routes, told(1))
+        put(routes, batch(1))
         assert [list(sample["value"]) for sample in talker.samples()] == [["w_S"]]
         assert encoded == [3], "ports without a taker, and a choice of fields, go one by one"
 
@@ -180,10 +180,10 @@ def test_to_who_reads_slowly_they_wait_as_subscribed(stage: Callable[..., Any], 
     async def scene(theatre: Any, routes: fanout.Fanout) -> None:
         talker = theatre.talker()
         await talker.result("subscribe", {"pattern": "**", "delivery": "latest"})
-        put(routes, told(1))
+        put(routes, batch(1))
         talker.samples()
         talker.connection.pause_writing()
-        put(routes, told(4))
+        put(routes, batch(4))
         assert theatre.context.stats.dropped == 9
         talker.connection.resume_writing()
         assert [sample["seq"] for sample in talker.samples()] == [3, 3, 3]
@@ -196,12 +196,12 @@ def test_what_cannot_be_encoded_is_an_error_and_the_client_stays(stage: Callable
     async def scene(theatre: Any, routes: fanout.Fanout) -> None:
         talker = theatre.talker()
         await talker.result("subscribe", {"pattern": "**"})
-        put(routes, told(1, mode="\ud800"))
+        put(routes, batch(1, mode="\ud800"))
         assert theatre.context.stats.errors == 1
         assert [sample["port"] for sample in talker.samples()] == ["rov/imu", "rov/depth"], (
             "the others of that turn are sent"
         )
-        put(routes, told(1))
+        put(routes, batch(1))
         assert len(talker.samples()) == 3
 
     played(stage, scene)

@@ -51,7 +51,7 @@ class Log:
         self.whole = numbers.view(np.int64)
 
 
-class Told(Sequence[Sample]):
+class SampleBatch(Sequence[Sample]):
     """Samples of one tick, or of several consecutive ticks, as a range of a log.
 
     `Sample` objects are made each time they are read, and not kept. So samples that nobody reads cost nothing, and one that is encoded at once is
@@ -74,33 +74,33 @@ class Told(Sequence[Sample]):
     def __len__(self) -> int:
         return self._end - self._first
 
-    def followed_by(self, other: Told) -> Told | None:
+    def followed_by(self, other: SampleBatch) -> SampleBatch | None:
         """Return both together; None unless the other begins where this ends."""
         if other.log is not self.log or other._first != self._end or other.origins is not self.origins:
             return None
         ends = (*self._ends, self._end, *other._ends)
-        return Told(self.origins, self.log, self._first, other._end, self.ticks + other.ticks, ends)
+        return SampleBatch(self.origins, self.log, self._first, other._end, self.ticks + other.ticks, ends)
 
-    def by_tick(self) -> Iterator[Told]:
+    def by_tick(self) -> Iterator[SampleBatch]:
         """Yield the samples of each tick."""
         first = self._first
         for end in (*self._ends, self._end):
-            yield Told(self.origins, self.log, first, end)
+            yield SampleBatch(self.origins, self.log, first, end)
             first = end
 
-    def parts(self, most: int) -> Iterator[Told]:
+    def parts(self, most: int) -> Iterator[SampleBatch]:
         """Yield the samples in pieces of at most `most`."""
         for first in range(self._first, self._end, most):
-            yield Told(self.origins, self.log, first, min(first + most, self._end), self.ticks)
+            yield SampleBatch(self.origins, self.log, first, min(first + most, self._end), self.ticks)
 
     @property
     def first(self) -> int:
         """Place of the first sample in the log."""
         return self._first
 
-    def at(self, place: int) -> Told:
+    def at(self, place: int) -> SampleBatch:
         """Return the sample at a place of the log."""
-        return Told(self.origins, self.log, place, place + 1, self.ticks)
+        return SampleBatch(self.origins, self.log, place, place + 1, self.ticks)
 
     @property
     def streams(self) -> list[int]:
@@ -142,7 +142,7 @@ class Told(Sequence[Sample]):
         places = range(self._first, self._end)[place]
         if isinstance(places, range):
             return [self[i - self._first] for i in places]
-        return next(iter(Told(self.origins, self.log, places, places + 1)))
+        return next(iter(SampleBatch(self.origins, self.log, places, places + 1)))
 
     @property
     def ports(self) -> list[str]:
@@ -175,7 +175,7 @@ class Samples(Sequence[Sample]):
         """Yield the samples of some ports, by path; the others are not made."""
         yield from (sample for sample in self._made if sample.port in ports)
         for piece in self._pieces:
-            if isinstance(piece, Told):
+            if isinstance(piece, SampleBatch):
                 yield from (piece[k] for k, port in enumerate(piece.ports) if port in ports)
             else:
                 yield from (sample for sample in piece if sample.port in ports)

@@ -12,7 +12,7 @@ import pytest
 from uwserver.modifiers.columns import columns_of
 from uwserver.ports import Field, Sample
 from uwserver.ports.crossing import TickOutput
-from uwserver.ports.told import Log, Origin, Samples, Told
+from uwserver.ports.sample_batch import Log, Origin, SampleBatch, Samples
 from uwserver.step.streams import ENTRY
 
 FORCE = columns_of((Field("f", "m/s^2", "Force.", shape=(3,)), Field("n", "1", "Number.", type="int")))
@@ -24,9 +24,9 @@ SAMPLES = [
 ]
 
 
-def told(log: Log | None = None) -> Told:
+def batch(log: Log | None = None) -> SampleBatch:
     origins = {4: Origin("rov/imu", FORCE.width, FORCE.values), 9: Origin("rov/state", STATE.width, STATE.values)}
-    return Told(origins, log or full(), 2, 5)
+    return SampleBatch(origins, log or full(), 2, 5)
 
 
 def full() -> Log:
@@ -40,14 +40,14 @@ def full() -> Log:
     return log
 
 
-def ticks_of(log: Log) -> tuple[Told, ...]:
+def ticks_of(log: Log) -> tuple[SampleBatch, ...]:
     """One sample each."""
-    origins = told(log).origins
-    return tuple(Told(origins, log, at, at + 1) for at in (2, 3, 4))
+    origins = batch(log).origins
+    return tuple(SampleBatch(origins, log, at, at + 1) for at in (2, 3, 4))
 
 
 def test_rows_are_samples():
-    rows = told()
+    rows = batch()
     assert list(rows) == list(rows) == SAMPLES
     assert len(rows) == 3
     assert rows.ports == ["rov/imu", "rov/state", "rov/imu"]
@@ -62,8 +62,8 @@ def test_rows_are_samples():
 def test_texts_are_those_of_the_origin_or_of_the_sample_itself():
     log, texts = full(), (("auto",), ("guided",))
     log.entries["order"][3] = 2
-    origins = {4: told().origins[4], 9: Origin("rov/state", STATE.width, STATE.values, texts)}
-    rows = Told(origins, log, 2, 5)
+    origins = {4: batch().origins[4], 9: Origin("rov/state", STATE.width, STATE.values, texts)}
+    rows = SampleBatch(origins, log, 2, 5)
     assert rows[1] == Sample("rov/state", 2, 105, 110, False, ("guided", True))
     assert [rows.loose(3, n, 9) for n in (0, 1, 2)] == [("manual",), ("auto",), ("guided",)]
     assert rows.loose(2, 0, 4) == ()
@@ -77,8 +77,8 @@ def test_those_that_follow_each_other_are_told_together():
     assert list(both) == SAMPLES[:2]
     assert list(both.followed_by(third) or ()) == SAMPLES
     assert first.followed_by(third) is None, "one is missing"
-    assert first.followed_by(Told(first.origins, full(), 3, 4)) is None, "of another log"
-    assert first.followed_by(Told(dict(first.origins), log, 3, 4)) is None, "sensors came or went"
+    assert first.followed_by(SampleBatch(first.origins, full(), 3, 4)) is None, "of another log"
+    assert first.followed_by(SampleBatch(dict(first.origins), log, 3, 4)) is None, "sensors came or went"
 
 
 def test_several_ticks_come_apart_again():
@@ -92,20 +92,20 @@ def test_several_ticks_come_apart_again():
         assert some is not None
         assert [(tick.ticks, list(tick)) for tick in some.by_tick()] == [(1, [sample]) for sample in SAMPLES]
     assert [list(tick) for tick in both.by_tick()] == [[sample] for sample in SAMPLES[:2]]
-    assert [list(tick) for tick in told(log).by_tick()] == [SAMPLES]
+    assert [list(tick) for tick in batch(log).by_tick()] == [SAMPLES]
 
 
 def test_an_output_makes_them_once_and_before_the_others():
-    output = TickOutput(1, 1, SAMPLES[2:], told=Told({}, full(), 2, 2))
-    output.told = told()
+    output = TickOutput(1, 1, SAMPLES[2:], batch=SampleBatch({}, full(), 2, 2))
+    output.batch = batch()
     samples = output.samples
     assert samples == [*SAMPLES, SAMPLES[2]]
-    assert output.told is None
+    assert output.batch is None
     assert output.samples is samples
 
 
 def test_dropped_samples_are_counted_and_gone():
-    output = TickOutput(1, 1, SAMPLES[2:], told=told())
+    output = TickOutput(1, 1, SAMPLES[2:], batch=batch())
     assert output.drop_samples() == 4
     assert output.samples == []
     assert output.drop_samples() == 0
@@ -114,15 +114,15 @@ def test_dropped_samples_are_counted_and_gone():
 @pytest.fixture
 def made(monkeypatch):
     """Receives how many samples are made each time some are."""
-    counts, entries = [], Told.entries
-    monkeypatch.setattr(Told, "entries", lambda self: counts.append(len(self)) or entries(self))
+    counts, entries = [], SampleBatch.entries
+    monkeypatch.setattr(SampleBatch, "entries", lambda self: counts.append(len(self)) or entries(self))
     return counts
 
 
 def several() -> Samples:
     """Rows, then one that was made already."""
     samples = Samples()
-    samples.add(told())
+    samples.add(batch())
     samples.add([])
     samples.add(SAMPLES[:1])
     return samples
@@ -145,7 +145,7 @@ def test_samples_of_steps_are_made_when_somebody_looks_and_once(made):
     assert grown == [0, *wanted]
     assert repr(samples) == repr(wanted)
     assert copy.copy(several()) == pickle.loads(pickle.dumps(samples)) == wanted
-    samples.add(told())
+    samples.add(batch())
     assert [*samples] == [*wanted, *SAMPLES]
 
 
