@@ -69,8 +69,8 @@ from uwserver.adapter.turns import BackgroundWork, DatagramTurns, InputTurns
 from uwserver.adapter.values import SampleForm, in_pieces, raw_field
 from uwserver.adapter.world import VehicleFacts, WorldFacts
 from uwserver.modifiers.choosing import NOBODY, NOT_BEGUN, UNKNOWN, NotMet, choose
+from uwserver.ports.decimation import Decimation, Decimations
 from uwserver.ports.sample_batch import Origin, SampleBatch
-from uwserver.ports.thinning import Thinned, Thinning
 
 __all__ = [
     "ENTRY_POINT_GROUP",
@@ -127,8 +127,8 @@ __all__ = [
     "SampleForm",
     "SerialPort",
     "Subscriber",
-    "Thinned",
-    "Thinning",
+    "Decimations",
+    "Decimation",
     "Token",
     "TokenTable",
     "SampleBatch",

@@ -106,7 +106,7 @@ class Subscriber(Protocol):
       are made only for ports that some subscriber wants; a subscriber also gets those that others want. The attribute is read when the
       subscriber is attached, after it has received the event of changed ports, and at `AdapterContext.follow_wants`. Until then, samples of new
       ports are made in any case.
-    - `thinned`: for each path the `uwserver.ports.thinning.Thinning` objects that are enough for that port. The subscriber needs only samples
+    - `decimations`: for each path the `uwserver.ports.decimation.Decimation` objects that are enough for that port. The subscriber needs only samples
       that one of them takes, and gets all of these, perhaps with others. The attribute is read together with `wanted`, and holds until the
       event of a reset or of changed ports.
     - `put_batch`: a method that gets the samples of several successive ticks at once, as rows of numbers (`SampleBatch`). It is called in place of

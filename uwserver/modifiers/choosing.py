@@ -9,8 +9,8 @@ import numpy as np
 
 from uwserver.physics.kernel.arrays import Array, IntArray
 from uwserver.physics.kernel.deferred import entry
+from uwserver.ports.decimation import ROUNDING_NS
 from uwserver.ports.sample_batch import SampleBatch
-from uwserver.ports.thinning import ROUNDING_NS
 
 NOBODY, UNKNOWN = -1, -2
 """Instead of the number of a line: the stream has no line; it is not known yet whether the stream has one."""
@@ -58,7 +58,7 @@ def choose_samples(
 def choose(
     batch: SampleBatch, lines: IntArray, ready: list[bool], rates: list[float], starts: list[int], newest: list[int]
 ) -> IntArray | None:
-    """Choose the samples that are the first in an interval of their line (`Thinning.interval`).
+    """Choose the samples that are the first in an interval of their line (`Decimation.interval`).
 
     Args:
         batch: the samples.

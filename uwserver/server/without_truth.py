@@ -6,8 +6,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 
 from uwserver.adapter import AdapterContext, Driver, Subscriber
 from uwserver.ports import Sample
+from uwserver.ports.decimation import EVERY_SAMPLE, Decimations
 from uwserver.ports.sample_batch import Origin, SampleBatch
-from uwserver.ports.thinning import WHOLE, Thinned
 
 
 class WithoutTruth:
@@ -34,9 +34,9 @@ class WithoutTruth:
         return _visible_of(self._subscriber, self._context)
 
     @property
-    def thinned(self) -> Thinned:
+    def decimations(self) -> Decimations:
         """The decimations of the subscriber."""
-        return getattr(self._subscriber, "thinned", WHOLE)
+        return getattr(self._subscriber, "decimations", EVERY_SAMPLE)
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Pass on the samples that are no truth."""

@@ -12,11 +12,11 @@ from typing import Protocol
 
 from uwserver.ports import Event, OnReply, Port, Progress, Reply, Sample
 from uwserver.ports.crossing import TickOutput, has_same_fields
+from uwserver.ports.decimation import EVERY_SAMPLE
 from uwserver.ports.sample_batch import SampleBatch
-from uwserver.ports.thinning import WHOLE
 from uwserver.simulation.clock import SystemTime, Time
 from uwserver.simulation.newest import Newest
-from uwserver.simulation.wants import Wanted, thinned_together, together, wants_any
+from uwserver.simulation.wants import Wanted, merged_decimations, together, wants_any
 from uwserver.units import NANOSECONDS
 
 log = logging.getLogger(__name__)
@@ -41,7 +41,7 @@ _NEWEST = 0.25
 
 
 class Sink(Protocol):
-    """Takes samples and events of the world on the loop; must not block. It may have `wanted`, `thinned` and `send_samples`, as
+    """Takes samples and events of the world on the loop; must not block. It may have `wanted`, `decimations` and `send_samples`, as
     `uwserver.adapter.Subscriber`, and `put_batch`."""
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
@@ -86,7 +86,7 @@ class Bus:
         self._others: list[Sink] = []
         self._readers: list[object] = []
         self._paths: Collection[str] | None = frozenset()
-        self._thinned = WHOLE
+        self._decimations = EVERY_SAMPLE
         self._known: Mapping[str, Port] = {}
         self._jumps = 0
         self.wanted: Wanted | None = Wanted((), ())
@@ -133,20 +133,20 @@ class Bus:
         batch_puts = [getattr(sink, "put_batch", None) for sink in self._sample_sinks]
         self._batch_puts = [put for put in batch_puts if put is not None]
         self._others = [sink for sink, put in zip(self._sample_sinks, batch_puts, strict=True) if put is None]
-        before, paths, less, thinned = self._paths, together(self._readers), self._thinned, WHOLE
+        before, paths, less, decimations = self._paths, together(self._readers), self._decimations, EVERY_SAMPLE
         if paths is not None:
-            thinned = thinned_together(self._readers, paths)
+            decimations = merged_decimations(self._readers, paths)
         wanted = self.wanted
-        is_known = wanted is None or (wanted.known is self._known and (wanted.jumps == self._jumps or not thinned))
-        if paths == before and thinned == less and is_known:
+        is_known = wanted is None or (wanted.known is self._known and (wanted.jumps == self._jumps or not decimations))
+        if paths == before and decimations == less and is_known:
             return  # A new object would make the world mark all its streams again.
-        self._paths, self._thinned = paths, thinned
-        self.wanted = None if paths is None else Wanted(paths, self._known, self._jumps, thinned)
+        self._paths, self._decimations = paths, decimations
+        self.wanted = None if paths is None else Wanted(paths, self._known, self._jumps, decimations)
         if (
-            paths != before or thinned.keys() != less.keys()
+            paths != before or decimations.keys() != less.keys()
         ):  # A sample of a port that was not read for a while is not the newest one.
             self.last.keep(
-                lambda path: _is_in(path, paths) and _is_in(path, before) and path not in less and path not in thinned
+                lambda path: _is_in(path, paths) and _is_in(path, before) and path not in less and path not in decimations
             )
 
     # -- the crossing ---------------------------------------------------------------------------------------------------------------

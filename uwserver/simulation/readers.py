@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from uwserver.ports import EntityList, Refused, Sample, SceneState
-from uwserver.ports.thinning import WHOLE
+from uwserver.ports.decimation import EVERY_SAMPLE
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.steering import Steering
 from uwserver.simulation.wants import Wanted
@@ -47,7 +47,7 @@ class Readers:
             world = self._world
             # The decimations are for ports and times that have changed since, so they do not apply.
             is_past = wanted is None or wanted.known is not world.ports or wanted.jumps != world.jumps
-            world.want(wanted, WHOLE if wanted is None or is_past else wanted.thinned)
+            world.want(wanted, EVERY_SAMPLE if wanted is None or is_past else wanted.decimations)
 
     def read(self, ports: Sequence[str], on_samples: OnSamples, source: str = "") -> None:
         """Ask for the newest delivered samples of some ports, subscribed to or not. Loop thread.

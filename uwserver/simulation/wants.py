@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Collection, Container, Sequence
 from typing import Any, TypeVar
 
-from uwserver.ports.thinning import WHOLE, Thinned, Thinning
+from uwserver.ports.decimation import EVERY_SAMPLE, Decimation, Decimations
 
 log = logging.getLogger(__name__)
 
@@ -21,12 +21,12 @@ class Wanted:
     Attributes:
         known: all ports that the readers know of.
         jumps: how often the time was set, as far as the readers know.
-        thinned: ports of which not all samples are needed; valid while ports and times are those that the readers know of.
+        decimations: ports of which not all samples are needed; valid while ports and times are those that the readers know of.
     """
 
-    def __init__(self, paths: Collection[str], known: Container[str], jumps: int = 0, thinned: Thinned = WHOLE) -> None:
+    def __init__(self, paths: Collection[str], known: Container[str], jumps: int = 0, decimations: Decimations = EVERY_SAMPLE) -> None:
         """Take the paths that readers subscribe to."""
-        self._paths, self.known, self.jumps, self.thinned = paths, known, jumps, thinned
+        self._paths, self.known, self.jumps, self.decimations = paths, known, jumps, decimations
 
     def __contains__(self, path: object) -> bool:
         return path in self._paths or path not in self.known
@@ -44,19 +44,19 @@ def wants_any(reader: object) -> bool:
     return _wanted_by(reader) != frozenset()
 
 
-def thinned_together(readers: Sequence[object], paths: Collection[str]) -> Thinned:
+def merged_decimations(readers: Sequence[object], paths: Collection[str]) -> Decimations:
     """Return the ports of which no reader needs all samples, with their decimations."""
-    thinned: dict[str, frozenset[Thinning]] = {}
+    decimations: dict[str, frozenset[Decimation]] = {}
     whole: set[str] = set()
     for reader in readers:
         wanted, less = (
             _wanted_by(reader) or frozenset(),
-            _attribute(reader, "thinned", dict[str, Collection[Thinning]]) or WHOLE,
+            _attribute(reader, "decimations", dict[str, Collection[Decimation]]) or EVERY_SAMPLE,
         )
         whole |= wanted - less.keys()
         for path in wanted & less.keys():
-            thinned[path] = thinned.get(path, frozenset()).union(less[path])
-    return {path: some for path, some in thinned.items() if some and path in paths and path not in whole}
+            decimations[path] = decimations.get(path, frozenset()).union(less[path])
+    return {path: some for path, some in decimations.items() if some and path in paths and path not in whole}
 
 
 def _wanted_by(reader: object) -> frozenset[str] | None:

@@ -12,7 +12,7 @@ from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import array_at
 from uwserver.physics.kernel.sharing import share
 from uwserver.physics.kernel.straight import address_of
-from uwserver.ports.thinning import ROUNDING_NS
+from uwserver.ports.decimation import ROUNDING_NS
 from uwserver.step.streams import FORMS, NEVER, READ
 
 _LEAST = 16
@@ -21,7 +21,7 @@ _LEAST = 16
 _heads, _streams, _operations = array_at(FORMS, "heads"), array_at(FORMS, "streams"), array_at(FORMS, "operations")
 _numbers, _pending, _free = array_at(FORMS, "numbers"), array_at(FORMS, "pending"), array_at(FORMS, "free")
 _delivered, _counts, _team = array_at(FORMS, "delivered"), array_at(FORMS, "counts"), array_at(FORMS, "team")
-_thinnings, _wordy = array_at(FORMS, "thinnings"), array_at(FORMS, "wordy")
+_decimations, _wordy = array_at(FORMS, "decimations"), array_at(FORMS, "wordy")
 _log, _log_numbers = array_at(FORMS, "log"), array_at(FORMS, "log_numbers")
 
 
@@ -83,13 +83,13 @@ def _sink(pending: Array, count: int) -> None:
 
 @compiled
 def _is_taken(table: Array, stream: Any, t_ns: int) -> bool:
-    """Return whether a sample of time `t_ns` is the first in its interval (`Thinning.interval`) for one of the readers of the stream."""
-    thinnings, is_taken = _thinnings(table), False
-    for n in range(stream.thinning_first, stream.thinning_first + stream.thinning_count):
-        thinning = thinnings[n]
-        interval = int((t_ns - thinning.start_ns + ROUNDING_NS) * thinning.rate_hz // 1e9)
-        if interval > thinning.interval:
-            thinning.interval, is_taken = interval, True
+    """Return whether a sample of time `t_ns` is the first in its interval (`Decimation.interval`) for one of the readers of the stream."""
+    decimations, is_taken = _decimations(table), False
+    for n in range(stream.decimation_first, stream.decimation_first + stream.decimation_count):
+        decimation = decimations[n]
+        interval = int((t_ns - decimation.start_ns + ROUNDING_NS) * decimation.rate_hz // 1e9)
+        if interval > decimation.interval:
+            decimation.interval, is_taken = interval, True
     return is_taken
 
 
@@ -127,7 +127,7 @@ def _tell(
         delivered.t_sent_ns, delivered.stream, delivered.seq, delivered.t_ns, delivered.valid, delivered.slot = sent, k, seq, t_ns, valid, -1
         for i in range(stream.width):
             delivered_values[counts.delivered, i] = values[first + i]
-        is_whole = stream.thinning_count == 0 or stream.unordered != 0
+        is_whole = stream.decimation_count == 0 or stream.unordered != 0
         if stream.wanted == READ and (is_whole or _is_taken(table, stream, t_ns)):
             _log_in(table, delivered, values, first, stream.width, texts)
         if stream.wordy != 0 and texts == 0:

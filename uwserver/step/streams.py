@@ -38,8 +38,8 @@ STREAM = np.dtype(
             "texts",
             "i8",
         ),  # number of the texts of the last reading, plus 1, if compiled code has written it (`sensors.others.Writing`); else 0
-        ("thinning_first", "i8"),  # rows of `thinnings`: which samples are enough for the readers
-        ("thinning_count", "i8"),  # 0: every sample is read
+        ("decimation_first", "i8"),  # rows of `decimations`: which samples are enough for the readers
+        ("decimation_count", "i8"),  # 0: every sample is read
         ("unordered", "i8"),  # 1: samples were delivered in another order than that of their times
         ("reading", READING),
         ("held", HELD),
@@ -65,8 +65,8 @@ ENTRY = np.dtype(
 )
 """A sample in flight, or delivered."""
 
-THINNING = np.dtype([("rate_hz", "f8"), ("start_ns", "i8"), ("interval", "i8")])
-"""A `uwserver.ports.thinning.Thinning`, and the newest interval that had a sample."""
+DECIMATION = np.dtype([("rate_hz", "f8"), ("start_ns", "i8"), ("interval", "i8")])
+"""A `uwserver.ports.decimation.Decimation`, and the newest interval that had a sample."""
 NO_INTERVAL = -(2**62)
 """Earlier than every interval."""
 
@@ -97,7 +97,7 @@ FORMS: Forms = {
     "pending": ENTRY,
     "free": columns(np.int64),
     "delivered": ENTRY,
-    "thinnings": THINNING,
+    "decimations": DECIMATION,
     "wordy": columns(np.int64),
     "log": ENTRY,
     "log_numbers": columns(np.float64),

@@ -10,8 +10,8 @@ import numpy as np
 
 from uwserver.ports import Sample
 from uwserver.ports.checks import check_values
+from uwserver.ports.decimation import EVERY_SAMPLE, Decimations
 from uwserver.ports.sample_batch import Origin, SampleBatch
-from uwserver.ports.thinning import WHOLE, Thinned
 from uwserver.sensors.compiled import CompiledSensor
 from uwserver.step.streams import ENTRY, HEARD, KEPT, LARGE, NEVER, READ, SMALL
 from uwserver.units import NANOSECONDS
@@ -61,7 +61,7 @@ class Sensing(Part):
         self._placed: dict[SensorSlot, None] = {}
         self._wanted: Container[str] | None = None
         self._measured: Collection[str] | None = None
-        self._thinned = WHOLE
+        self._decimations = EVERY_SAMPLE
         self._heard_by_parts: Collection[str] = ()
         self._heard_by_kernels: Collection[str] = ()
         self._streams: dict[int, SensorStream] = {}
@@ -81,7 +81,7 @@ class Sensing(Part):
 
     def sensors_changed(self) -> None:
         """Give sensors their places in the arrays, after sensors were added or removed."""
-        slots, there, self._thinned = self._slots, dict.fromkeys(self._slots.values()), WHOLE
+        slots, there, self._decimations = self._slots, dict.fromkeys(self._slots.values()), EVERY_SAMPLE
         gone = [slot for slot in self._placed if slot not in there]
         streams = dict(self._streams)
         if gone:
@@ -109,23 +109,23 @@ class Sensing(Part):
         self.under_way.sensors_changed(slots.values())
         self._sensor_arrays.gather({id(s.wiring): s.wiring for s in slots.values() if s.wiring is not None}.values())
 
-    def want(self, ports: Container[str] | None, thinned: Thinned = WHOLE) -> None:
+    def want(self, ports: Container[str] | None, decimations: Decimations = EVERY_SAMPLE) -> None:
         """Make samples of these ports only; None for all ports. Samples of ports that parts of the world listen to are always made.
 
         Args:
             ports: paths.
-            thinned: decimations by path. Of these ports only the samples are needed that one of the decimations takes. More may be made,
+            decimations: decimations by path. Of these ports only the samples are needed that one of the decimations takes. More may be made,
                 for instance if samples are not delivered in the order of their times. It holds until sensors are added or removed, or the
                 time is set.
         """
-        self._wanted, self._thinned = ports, thinned
+        self._wanted, self._decimations = ports, decimations
         self._mark_streams()
 
     def forget_newest(self) -> None:
         """Forget the newest samples, as the time was set and they belong to another time."""
         self._sensor_arrays.forget_newest()
-        self._thinned = WHOLE
-        self._sensor_arrays.thin({})
+        self._decimations = EVERY_SAMPLE
+        self._sensor_arrays.decimate({})
 
     def set_listeners(self, ports: Collection[str], overheard: Collection[str]) -> None:
         """Set the ports that parts of the world listen to, and the ports that compiled code listens to (`overheard`)."""
@@ -139,7 +139,7 @@ class Sensing(Part):
         if wanted is None:
             rows[list(streams)] = READ
             self._sensor_arrays.is_read = bool(streams)
-            self._sensor_arrays.thin({})
+            self._sensor_arrays.decimate({})
             return
         read = {k for path, k in self.numbers.items() if path in wanted or path in self._heard_by_parts}
         self._is_read, self._sensor_arrays.is_read = self._mask_of(read), bool(read)
@@ -148,9 +148,9 @@ class Sensing(Part):
         rows[[self.numbers[path] for path in self._heard_by_kernels]] = HEARD
         rows[list(read)] = READ
         known = [
-            (self.numbers.get(path), some) for path, some in self._thinned.items() if path not in self._heard_by_parts
+            (self.numbers.get(path), some) for path, some in self._decimations.items() if path not in self._heard_by_parts
         ]
-        self._sensor_arrays.thin({k: some for k, some in known if k in read and streams[k].columns.is_small})
+        self._sensor_arrays.decimate({k: some for k, some in known if k in read and streams[k].columns.is_small})
 
     def _is_needed(self, stream: int) -> bool:
         return self._wanted is None or bool(self._is_read[stream])

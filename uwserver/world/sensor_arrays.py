@@ -16,8 +16,8 @@ from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.rays.raycast import Geometry
+from uwserver.ports.decimation import Decimation
 from uwserver.ports.sample_batch import Log
-from uwserver.ports.thinning import Thinning
 from uwserver.sensors import Scope
 from uwserver.sensors.compiled import HEAD, SensorKernel, load
 from uwserver.sensors.others import Sight
@@ -25,7 +25,7 @@ from uwserver.sensors.surroundings import FORMS as SURROUNDINGS
 from uwserver.sensors.surroundings import place_row, water_arrays
 from uwserver.sensors.voices import VOICE
 from uwserver.sensors.wiring import ELECTRIC, Wiring
-from uwserver.step.streams import COUNTS, ENTRY, FORMS, NEVER, NO_INTERVAL, STREAM, THINNING
+from uwserver.step.streams import COUNTS, DECIMATION, ENTRY, FORMS, NEVER, NO_INTERVAL, STREAM
 from uwserver.world.computing import Computing
 from uwserver.world.vehicle import Vehicle
 
@@ -86,7 +86,7 @@ class SensorArrays:
         self._free, self._counts = np.arange(_SLOTS), np.zeros(1, COUNTS)
         self._counts_as_int64 = self._counts.view(np.int64)  # An array of int64 is quicker to read than a record.
         self._values, self._delivered_values = np.zeros((_SLOTS, 1)), np.zeros((_SLOTS, 1))
-        self._wordy, self._thinnings = np.zeros(_SLOTS, np.int64), np.zeros(0, THINNING)
+        self._wordy, self._decimations = np.zeros(_SLOTS, np.int64), np.zeros(0, DECIMATION)
         self.next_ns, self.wordy_count, self._on_their_way = NEVER, 0, 0
         self.log, self.logged = Log(np.zeros(0, ENTRY), np.zeros(0)), 0
         self._log_room = 0
@@ -158,7 +158,7 @@ class SensorArrays:
             "pending": self._pending,
             "free": self._free,
             "delivered": self._delivered,
-            "thinnings": self._thinnings,
+            "decimations": self._decimations,
             "wordy": self._wordy,
             "log": self.log.entries,
             "log_numbers": self.log.numbers,
@@ -232,18 +232,18 @@ class SensorArrays:
         """Forget the newest samples, as the time was set and they belong to another time."""
         self.streams.rows["newest"] = self.streams.rows["unordered"] = 0
 
-    def thin(self, thinned: Mapping[int, Collection[Thinning]]) -> None:
+    def decimate(self, decimations: Mapping[int, Collection[Decimation]]) -> None:
         """Let only those samples of these streams (by number) be read that one of their decimations takes. Of all other streams, every
         sample is read."""
         rows = self.streams.rows
-        rows["thinning_count"] = 0
-        if not thinned:
+        rows["decimation_count"] = 0
+        if not decimations:
             return
-        each_one = [(each.rate_hz, each.start_ns, NO_INTERVAL) for some in thinned.values() for each in some]
-        streams, counts = list(thinned), [len(some) for some in thinned.values()]
-        rows["thinning_count"][streams] = counts
-        rows["thinning_first"][streams] = np.cumsum(counts) - counts
-        self._thinnings = np.array(each_one, THINNING)
+        each_one = [(each.rate_hz, each.start_ns, NO_INTERVAL) for some in decimations.values() for each in some]
+        streams, counts = list(decimations), [len(some) for some in decimations.values()]
+        rows["decimation_count"][streams] = counts
+        rows["decimation_first"][streams] = np.cumsum(counts) - counts
+        self._decimations = np.array(each_one, DECIMATION)
         self._tabulate()
 
     def current_changed(self) -> None:

@@ -14,7 +14,7 @@ from uwserver.physics.kernel.arrays import IntArray
 from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports import Event, Port, Service
 from uwserver.ports.crossing import Answers, Posted, TickOutput
-from uwserver.ports.thinning import WHOLE, Thinned
+from uwserver.ports.decimation import EVERY_SAMPLE, Decimations
 from uwserver.sensors.base import BOTTOM, SEDIMENT
 from uwserver.sensors.others import Sight
 from uwserver.world.bodies_and_water import Bodies, WaterPart
@@ -208,14 +208,14 @@ class World(InProcess):
         self.sensing.set_listeners(self.stepping.turns.ears, self._pilots.ports)
         self.sensing.schedule()
 
-    def want(self, ports: Container[str] | None, thinned: Thinned = WHOLE) -> None:
-        """Let `step` give samples of these ports only, so that the others cost next to nothing; None, as at first, for all. `thinned` is as
+    def want(self, ports: Container[str] | None, decimations: Decimations = EVERY_SAMPLE) -> None:
+        """Let `step` give samples of these ports only, so that the others cost next to nothing; None, as at first, for all. `decimations` is as
         for `Sensing.want`.
 
         Samples for parts (`Part.hears`) are given too. All sensors measure and count as ever, and `read` returns the newest sample of any
         port.
         """
-        self.sensing.want(ports, thinned)
+        self.sensing.want(ports, decimations)
 
     def watch(self, profile: Profile | None) -> None:
         """Let a profile measure each stage of a tick from the next tick on; None ends it. Called between two ticks."""

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import msgspec
 
-from uwserver.adapter import AdapterContext, SampleBatch, Thinned
+from uwserver.adapter import AdapterContext, Decimations, SampleBatch
 from uwserver.ports import Event, Port, Sample, matching
 from uwserver_adapters.native.jpegs import Jpegs
 from uwserver_adapters.native.messages import Encoding, Notice
@@ -78,11 +78,11 @@ class Fanout:
         return self._ports.keys()
 
     @property
-    def thinned(self) -> Thinned:
-        """For each port of which no client takes all samples the thinnings that are enough."""
+    def decimations(self) -> Decimations:
+        """For each port of which no client takes all samples the decimations that are enough."""
         self._ticks_to_update = 0
-        thinned = {path: taken.thinnings for path, taken in self._taken.items()}
-        return {path: thinnings for path, thinnings in thinned.items() if thinnings}
+        decimations = {path: taken.decimations for path, taken in self._taken.items()}
+        return {path: some for path, some in decimations.items() if some}
 
     def _update_soon(self) -> None:
         """Tell the world soon that less is enough."""

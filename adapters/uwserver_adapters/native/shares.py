@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 
-from uwserver.adapter import NOT_BEGUN, Thinning
+from uwserver.adapter import NOT_BEGUN, Decimation
 from uwserver_adapters.native.outbox import Delivery
 
-MOST_THINNINGS = 8
-"""Different thinnings of a port. With more of them all samples are made, because the world would try each thinning with each sample."""
+MOST_DECIMATIONS = 8
+"""Different decimations of a port. With more of them all samples are made, because the world would try each decimation with each sample."""
 
 
 class Subscription:
@@ -37,7 +37,7 @@ class Subscription:
 
 
 class Taken:
-    """What all subscriptions of a port take together. Each takes the samples of a thinning, or all samples (None).
+    """What all subscriptions of a port take together. Each takes the samples of a decimation, or all samples (None).
 
     Args:
         on_less: called when a subscription begins to take less than all samples.
@@ -45,25 +45,25 @@ class Taken:
 
     def __init__(self, on_less: Callable[[], None]) -> None:
         self._on_less = on_less
-        self._counts: Counter[Thinning | None] = Counter()
+        self._counts: Counter[Decimation | None] = Counter()
 
-    def add(self, thinning: Thinning | None) -> None:
+    def add(self, decimation: Decimation | None) -> None:
         """Count a subscription."""
-        self._counts[thinning] += 1
-        if thinning is not None:
+        self._counts[decimation] += 1
+        if decimation is not None:
             self._on_less()
 
-    def remove(self, thinning: Thinning | None) -> None:
+    def remove(self, decimation: Decimation | None) -> None:
         """Forget a subscription."""
-        self._counts[thinning] -= 1
-        if not self._counts[thinning]:
-            del self._counts[thinning]
+        self._counts[decimation] -= 1
+        if not self._counts[decimation]:
+            del self._counts[decimation]
 
     @property
-    def thinnings(self) -> tuple[Thinning, ...]:
-        """Thinnings of which one takes each sample that any subscription takes; none if the world must make all samples."""
-        thinnings = tuple(thinning for thinning in self._counts if thinning is not None)
-        return () if None in self._counts or len(thinnings) > MOST_THINNINGS else thinnings
+    def decimations(self) -> tuple[Decimation, ...]:
+        """Decimations of which one takes each sample that any subscription takes; none if the world must make all samples."""
+        decimations = tuple(decimation for decimation in self._counts if decimation is not None)
+        return () if None in self._counts or len(decimations) > MOST_DECIMATIONS else decimations
 
 
 class Share:
@@ -83,8 +83,8 @@ class Share:
         self._taken = taken
         # Times are whole nanoseconds, so a higher rate means the same, and no product can overflow.
         self.rate_hz = 0.0 if subscription.rate_hz is None else min(subscription.rate_hz, 1e9)
-        self._thinning: Thinning | None = None
-        self._told: Thinning | None = None
+        self._decimation: Decimation | None = None
+        self._told: Decimation | None = None
         self.start_ns, self.newest = NOT_BEGUN if self.rate_hz else 0, 0
         taken.add(None)
 
@@ -92,12 +92,12 @@ class Share:
         """Return whether the sample that was true at `t_ns` is sent."""
         if not self.rate_hz:
             return True
-        thinning = self._thinning
-        if thinning is None:
+        decimation = self._decimation
+        if decimation is None:
             self.begin(t_ns)
             self.newest = 0
             return True
-        interval = thinning.interval(t_ns)
+        interval = decimation.interval(t_ns)
         if interval > self.newest:
             self.newest = interval
             return True
@@ -105,22 +105,22 @@ class Share:
             return False
         # Time was set back by more than a second. If samples come in such an order, it will be set back again. No sample may be missing then, so
         # the world is not told of the new intervals.
-        self._begin(Thinning(self.rate_hz, t_ns), None)
+        self._begin(Decimation(self.rate_hz, t_ns), None)
         return True
 
     def begin(self, t_ns: int) -> None:
         """Begin the intervals with the first sample, true at `t_ns`, which comes next."""
-        first = Thinning(self.rate_hz, t_ns)
+        first = Decimation(self.rate_hz, t_ns)
         self._begin(first, first)
         self.newest = -1
 
-    def _begin(self, thinning: Thinning | None, told: Thinning | None) -> None:
+    def _begin(self, decimation: Decimation | None, told: Decimation | None) -> None:
         """Begin new intervals, and tell the world that this subscription takes `told`."""
         self._taken.remove(self._told)
         self._taken.add(told)
-        self._thinning, self._told, self.newest = thinning, told, 0
+        self._decimation, self._told, self.newest = decimation, told, 0
         if self.rate_hz:
-            self.start_ns = NOT_BEGUN if thinning is None else thinning.start_ns
+            self.start_ns = NOT_BEGUN if decimation is None else decimation.start_ns
 
     def restart(self) -> None:
         """Begin new intervals with the next sample."""

@@ -11,10 +11,10 @@ from uwserver.adapter import (
     AdapterBase,
     AdapterContext,
     CannotListen,
+    Decimations,
     Listener,
     Peer,
     Peers,
-    Thinned,
     address_text,
     host_here,
     is_loopback,
@@ -127,9 +127,9 @@ class WebAdapter(AdapterBase[WebConfig]):
             self._front.pages.put_samples(samples)
 
     @property
-    def thinned(self) -> Thinned:
+    def decimations(self) -> Decimations:
         """Ports of which pages do not need all samples."""
-        return {} if self._front is None else self._front.pages.thinned
+        return {} if self._front is None else self._front.pages.decimations
 
     def send_samples(self) -> None:
         """Send the samples of the last ticks together."""

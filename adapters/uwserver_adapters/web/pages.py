@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import PurePath
 from typing import Protocol
 
-from uwserver.adapter import AdapterContext, Thinned
+from uwserver.adapter import AdapterContext, Decimations
 from uwserver.ports import Event, Json, Progress, Refused, Reply, Sample, SceneState
 from uwserver_adapters.native.fanout import Fanout
 from uwserver_adapters.web.frames import HIDDEN, PAUSED, state_frame
@@ -181,10 +181,10 @@ class Pages:
         self._fanout.put_samples(samples)
 
     @property
-    def thinned(self) -> Thinned:
+    def decimations(self) -> Decimations:
         """Ports of which no page needs all samples. All pictures are needed, because each may be the one that is shown."""
         seen = self.pictures.wanted
-        return {path: enough for path, enough in self._fanout.thinned.items() if path not in seen}
+        return {path: enough for path, enough in self._fanout.decimations.items() if path not in seen}
 
     def send_samples(self) -> None:
         """Write the samples of the last ticks, once for each page."""

@@ -1,4 +1,4 @@
-"""Samples are chosen as `Thinning` counts intervals, stream by stream; or nothing is changed."""
+"""Samples are chosen as `Decimation` counts intervals, stream by stream; or nothing is changed."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from uwserver.modifiers.choosing import NOBODY, NOT_BEGUN, UNKNOWN, NotMet, choose
+from uwserver.ports.decimation import Decimation
 from uwserver.ports.sample_batch import Log, SampleBatch
-from uwserver.ports.thinning import Thinning
 from uwserver.step.streams import ENTRY
 
 
@@ -32,7 +32,7 @@ def test_each_line_takes_the_first_in_each_of_its_intervals() -> None:
     wanted, last = [], [*newest]
     for t_ns, stream in samples:
         line = int(lines[stream])
-        interval = Thinning(rates[line], starts[line]).interval(t_ns) if rates[line] else last[line] + 1
+        interval = Decimation(rates[line], starts[line]).interval(t_ns) if rates[line] else last[line] + 1
         wanted.append(line if interval > last[line] else NOBODY)
         last[line] = max(last[line], interval) if rates[line] else last[line]
     got = choose(batch([(k, t) for t, k in samples]), lines, [True] * 6, rates, starts, newest)

@@ -11,8 +11,8 @@ from unit.ports.test_sample_batch import SAMPLES, batch, full
 
 from uwserver.ports import Buffer, Call, Command, Event, Field, Port, Progress, Refused, Reply, Sample
 from uwserver.ports.crossing import TickOutput
+from uwserver.ports.decimation import Decimation
 from uwserver.ports.sample_batch import SampleBatch
-from uwserver.ports.thinning import Thinning
 from uwserver.simulation.bus import MAX_TICKS, Bus
 from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.turns import MAX_WAITING
@@ -380,16 +380,16 @@ def test_what_waits_is_sent_together():
     assert len(sending.seen) == 4
 
 
-def test_the_newest_of_a_thinned_port_is_not_kept_for_who_wants_all():
+def test_the_newest_of_a_decimated_port_is_not_kept_for_who_wants_all():
     """It may be older than the newest; who comes later waits for the next."""
     wakes: list = []
     bus, slow = Bus(wakes.append, MockTime()), Wanting("rov/imu")
-    slow.thinned = {"rov/imu": (Thinning(10.0, 0),)}
+    slow.decimations = {"rov/imu": (Decimation(10.0, 0),)}
     bus.attach(slow)
     bus.publish(tick(1))
     wakes.pop()()
     bus.attach(Wanting("rov/imu"))
-    assert bus.wanted.thinned == {}
+    assert bus.wanted.decimations == {}
     assert bus.last == {}
     bus.publish(tick(2))
     wakes.pop()()

@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-from uwserver.ports.thinning import WHOLE, Thinning
-from uwserver.simulation.wants import Wanted, thinned_together, together
+from uwserver.ports.decimation import EVERY_SAMPLE, Decimation
+from uwserver.simulation.wants import Wanted, merged_decimations, together
 
-SLOW, SLOWER = Thinning(10.0, 0), Thinning(1.0, 5)
+SLOW, SLOWER = Decimation(10.0, 0), Decimation(1.0, 5)
 
 
-def reader(*wanted: str, **thinned: tuple[Thinning, ...]) -> Any:
-    return SimpleNamespace(wanted=wanted, thinned=thinned)
+def reader(*wanted: str, **decimations: tuple[Decimation, ...]) -> Any:
+    return SimpleNamespace(wanted=wanted, decimations=decimations)
 
 
 def test_who_says_nothing_wants_all() -> None:
@@ -24,14 +24,14 @@ def test_who_says_nothing_wants_all() -> None:
     assert together([]) == frozenset()
 
 
-def test_what_one_wants_whole_is_not_thinned_and_of_others_all_count() -> None:
+def test_what_one_wants_whole_is_not_decimated_and_of_others_all_count() -> None:
     readers = [reader("a", "b", "c", a=(SLOW,), b=(SLOW,), c=(SLOW,)), reader("b", "c", c=(SLOW, SLOWER))]
-    assert thinned_together(readers, {"a", "b", "c"}) == {"a": {SLOW}, "c": {SLOW, SLOWER}}
+    assert merged_decimations(readers, {"a", "b", "c"}) == {"a": {SLOW}, "c": {SLOW, SLOWER}}
 
 
 def test_what_nobody_wants_is_not_told_of() -> None:
-    assert thinned_together([reader("a", a=(SLOW,), z=(SLOW,))], {"a"}) == {"a": {SLOW}}
-    assert thinned_together([reader("a", "b", a=())], {"a", "b"}) == {}, "without any, all are wanted"
+    assert merged_decimations([reader("a", a=(SLOW,), z=(SLOW,))], {"a"}) == {"a": {SLOW}}
+    assert merged_decimations([reader("a", "b", a=())], {"a", "b"}) == {}, "without any, all are wanted"
 
 
 def test_one_that_cannot_tell_gets_all(caplog: pytest.LogCaptureFixture) -> None:
@@ -39,10 +39,10 @@ def test_one_that_cannot_tell_gets_all(caplog: pytest.LogCaptureFixture) -> None
         wanted = ("a", "b")
 
         @property
-        def thinned(self) -> Any:
+        def decimations(self) -> Any:
             raise ValueError("broken")
 
-    assert thinned_together([Broken(), reader("a", "c", a=(SLOW,), c=(SLOW,))], {"a", "b", "c"}) == {"c": {SLOW}}
+    assert merged_decimations([Broken(), reader("a", "c", a=(SLOW,), c=(SLOW,))], {"a", "b", "c"}) == {"c": {SLOW}}
     assert "it gets all" in caplog.text
     assert {record.levelno for record in caplog.records} == {logging.ERROR}
 
@@ -52,4 +52,4 @@ def test_ports_that_readers_have_not_heard_of_are_wanted() -> None:
     assert "a" in wanted
     assert "b" not in wanted
     assert "new" in wanted
-    assert (wanted.jumps, wanted.thinned) == (0, WHOLE)
+    assert (wanted.jumps, wanted.decimations) == (0, EVERY_SAMPLE)

@@ -10,7 +10,7 @@ import pytest
 from sensing_rig import Rig, slot_of, stream
 
 from uwserver.modifiers import Delay, Dropout, Reorder
-from uwserver.ports.thinning import Thinned, Thinning
+from uwserver.ports.decimation import Decimation, Decimations
 from uwserver.step.streams import COUNTS, ENTRY, HEARD, NEVER, READ
 
 
@@ -82,14 +82,14 @@ def test_compiled_code_counts_intervals_as_who_reads_does(rate_hz: float) -> Non
     start = int(rng.integers(0, 2**50))
     edges = (rng.integers(0, 2**50, 4000) * rate_hz // 1e9 * 1e9 / rate_hz).astype(np.int64)
     times = np.unique(start + edges + rng.integers(-1002, 1003, len(edges)))
-    thinning = Thinning(rate_hz, start)
+    decimation = Decimation(rate_hz, start)
     rig = Rig(slot_of(path="a", latency_ns=-3), rate_hz=Fraction(10**9))
     (k,) = rig.slots["a"].stream_numbers
-    rig.sensing.want(("a",), {"a": (thinning,)})
+    rig.sensing.want(("a",), {"a": (decimation,)})
     newest, expected, taken = -(2**62), [], []
     for t_ns in times.tolist():
-        if thinning.interval(t_ns) > newest:
-            newest = thinning.interval(t_ns)
+        if decimation.interval(t_ns) > newest:
+            newest = decimation.interval(t_ns)
             expected.append(t_ns)
         taken += [sample.t_ns for sample in rig.samples(t_ns)]
     assert 100 < len(expected) <= len(times)
@@ -99,7 +99,7 @@ def test_compiled_code_counts_intervals_as_who_reads_does(rate_hz: float) -> Non
 
 def test_one_sample_for_all_whose_intervals_begin_with_it() -> None:
     rig = Rig(slot_of(path="a", latency_ns=-3), slot_of(path="b", latency_ns=-3))
-    rig.sensing.want(("a", "b"), {"a": (Thinning(1e7, 10), Thinning(2.5e7, 10))})
+    rig.sensing.want(("a", "b"), {"a": (Decimation(1e7, 10), Decimation(2.5e7, 10))})
     told = [(s.port, s.t_ns) for n in range(1, 22) for s in rig.samples(n)]
     assert [t for port, t in told if port == "a"] == [10, 50, 90, 110, 130, 170, 210]
     assert len([t for port, t in told if port == "b"]) == 21
@@ -108,26 +108,26 @@ def test_one_sample_for_all_whose_intervals_begin_with_it() -> None:
 def test_all_are_chosen_of_a_stream_whose_order_is_not_that_of_time() -> None:
     """From the first on that is older than the one before it."""
 
-    def told(thinned: Thinned) -> list[int]:
+    def told(decimations: Decimations) -> list[int]:
         rig = Rig(slot_of(Reorder(probability=0.1, behind=2).build(stream()), path="a"))
-        rig.sensing.want(("a",), thinned)
+        rig.sensing.want(("a",), decimations)
         return [sample.t_ns for n in range(1, 300) for sample in rig.samples(n)]
 
     times = told({})
     late = next(k for k, (one, other) in enumerate(itertools.pairwise(times)) if other < one) + 1
     assert 2 < late < 150
-    assert told({"a": (Thinning(1e5, 0),)}) == [times[0], *times[late:]]
+    assert told({"a": (Decimation(1e5, 0),)}) == [times[0], *times[late:]]
 
 
 def test_what_is_enough_holds_until_the_time_is_set_or_sensors_come() -> None:
     rig = Rig(slot_of(path="a", latency_ns=-3))
-    counts = rig.sensor_arrays.streams.rows["thinning_count"]
+    counts = rig.sensor_arrays.streams.rows["decimation_count"]
     for forget in (rig.sensing.forget_newest, rig.sensing.sensors_changed):
-        rig.sensing.want(("a",), {"a": (Thinning(10.0, 0), Thinning(1.0, 0)), "gone": (Thinning(1.0, 0),)})
+        rig.sensing.want(("a",), {"a": (Decimation(10.0, 0), Decimation(1.0, 0)), "gone": (Decimation(1.0, 0),)})
         assert counts.sum() == 2
         forget()
         rig.sensing.set_listeners((), ())
         assert counts.sum() == 0
-    rig.sensing.want(("a",), {"a": (Thinning(10.0, 0),)})
+    rig.sensing.want(("a",), {"a": (Decimation(10.0, 0),)})
     rig.sensing.set_listeners(("a",), ())
     assert counts.sum() == 0, "a part of the world hears each one"

@@ -21,7 +21,7 @@ from uwserver.adapter import installed_adapters
 from uwserver.physics.contact.touching import ROOM
 from uwserver.physics.kernel.places import FUTEX
 from uwserver.ports import Call, Command, Refused, Sample
-from uwserver.ports.thinning import Thinning
+from uwserver.ports.decimation import Decimation
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.sensors.compiled import CompiledSensor
@@ -222,7 +222,7 @@ def test_what_is_late_or_lost(tmp_path: Path) -> None:
 
 
 def test_only_the_samples_that_are_wanted(twins: Twins) -> None:
-    wanted = {"rov/imu": [Thinning(10.0, 0)], "rov/depth": [Thinning(7.0, 3)]}
+    wanted = {"rov/imu": [Decimation(10.0, 0)], "rov/depth": [Decimation(7.0, 3)]}
     twins.do(lambda world: world.want(set(wanted), wanted))
     samples = twins.step(480)
     assert 0 < sum(sample.port == "rov/imu" for sample in samples) < 30
@@ -319,7 +319,7 @@ def test_whatever_happens(tmp_path: Path, seed: int) -> None:
         lambda world, r: world.call("world/spawn", name=f"s{r[0]}", like=first, p_NB=[r[1] % 9, r[2] % 9, 2 + r[3] % 15]),
         lambda world, r: world.call("world/remove", name=[*world.vehicles][-1]) if len(world.vehicles) > 1 else None,
         lambda world, r: world.want([None, (), {f"{first}/imu", f"{first}/depth"}][r[0] % 3]),
-        lambda world, r: world.want({f"{first}/imu"}, {f"{first}/imu": [Thinning(10.0, 0)]}),
+        lambda world, r: world.want({f"{first}/imu"}, {f"{first}/imu": [Decimation(10.0, 0)]}),
         lambda world, r: restore(world) if world is twins.other else None,
     ]  # fmt: skip
 

@@ -10,7 +10,7 @@ import pytest
 from uwserver.adapter import installed_adapters
 from uwserver.modifiers import Delay, Dropout, GaussMarkov, WhiteNoise
 from uwserver.ports import Sample
-from uwserver.ports.thinning import Thinning
+from uwserver.ports.decimation import Decimation
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
@@ -134,18 +134,18 @@ def test_each_port_tells_the_same_to_who_reads_it_alone(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_port_that_is_thinned_changes_nothing_else(name: str) -> None:
+def test_a_port_that_is_decimated_changes_nothing_else(name: str) -> None:
     """Each sample that a reader of 10 Hz takes is made, of all ports; the state, and what is newest, are as if everybody read all."""
     world, expected = world_of(name), whole(name)[0]
     ports = sorted({sample.port for samples in expected for sample in samples})
     first = {sample.port: sample.t_ns for samples in reversed(expected) for sample in reversed(samples)}
-    thinned = {port: (Thinning(10.0, first[port]),) for port in ports}
-    world.want(ports, thinned)
+    decimations = {port: (Decimation(10.0, first[port]),) for port in ports}
+    world.want(ports, decimations)
     told = [world.step() for _ in range(TICKS)]
     newest: dict[str, int] = {}
     for n, samples in enumerate(expected):
         for sample in samples:
-            interval = thinned[sample.port][0].interval(sample.t_ns)
+            interval = decimations[sample.port][0].interval(sample.t_ns)
             if interval > newest.get(sample.port, -1):
                 newest[sample.port] = interval
                 assert sample in told[n]

@@ -14,7 +14,7 @@ PIXELS = 900
 
 
 @dataclass(frozen=True)
-class Thinned:
+class Decimated:
     """The points that are kept.
 
     Attributes:
@@ -26,13 +26,13 @@ class Thinned:
     y: FloatArray
 
 
-def thinned(t: FloatArray, y: FloatArray, pixels: int = PIXELS) -> Thinned:
+def decimated(t: FloatArray, y: FloatArray, pixels: int = PIXELS) -> Decimated:
     """Reduce samples y (n, k) at t (n, ascending) to at most two rows per pixel: the extremes of each column, in the order in which they came.
 
     No peak is lost. A column without a number in a pixel has none there afterwards.
     """
     if len(t) <= 2 * pixels:
-        return Thinned(t, y)
+        return Decimated(t, y)
     edges = np.linspace(t[0], t[-1], pixels + 1)[1:-1]
     starts = np.concatenate([[0], np.searchsorted(t, edges)])
     ends = np.append(starts[1:], len(t))
@@ -44,7 +44,7 @@ def thinned(t: FloatArray, y: FloatArray, pixels: int = PIXELS) -> Thinned:
     pair = np.stack([np.where(rising, low, high), np.where(rising, high, low)], axis=1)
     middle = 0.5 * (t[starts] + t[ends - 1])
     times = np.stack([t[starts], np.maximum(middle, t[starts])], axis=1)
-    return Thinned(times.reshape(-1), pair.reshape(-1, y.shape[1]))
+    return Decimated(times.reshape(-1), pair.reshape(-1, y.shape[1]))
 
 
 def _first_of(y: FloatArray, starts: IntArray, ends: IntArray, value: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from uwserver.recording.report.bathymetry import SeaFloor
 from uwserver.recording.report.contents import Contents
-from uwserver.recording.report.decimation import thinned
+from uwserver.recording.report.decimation import decimated
 from uwserver.recording.report.panels import Panel
 
 _WIDTH_IN, _ROW_IN, _MAP_IN = 8.0, 1.7, 4.5
@@ -96,7 +96,7 @@ def _panel(axis: Any, panel: Panel, contents: Contents) -> None:
             imread(BytesIO(p.png)), extent=(p.begin, p.end, p.low, p.high), aspect="auto", interpolation="nearest"
         )
     for number, table in enumerate(panel.tables):
-        less = thinned(table.t, np.stack([line.y for line in table.lines], axis=1))
+        less = decimated(table.t, np.stack([line.y for line in table.lines], axis=1))
         if panel.band and number == len(panel.tables) - 1:
             axis.fill_between(less.t, less.y[:, 1], less.y[:, 0], color="0.85", lw=0)
             continue

@@ -20,7 +20,7 @@ import numpy as np
 from uwserver.recording.report.bathymetry import SeaFloor, data_url
 from uwserver.recording.report.columns import FloatArray
 from uwserver.recording.report.contents import Contents, Track
-from uwserver.recording.report.decimation import thinned
+from uwserver.recording.report.decimation import decimated
 from uwserver.recording.report.panels import Panel, Picture, Table
 
 _HERE = Path(__file__).parent
@@ -123,7 +123,7 @@ def _panel(panel: Panel) -> dict[str, Any]:
 
 
 def _table(table: Table) -> dict[str, Any]:
-    less = thinned(table.t, np.stack([line.y for line in table.lines], axis=1))
+    less = decimated(table.t, np.stack([line.y for line in table.lines], axis=1))
     return {
         "t": _numbers(less.t),
         "lines": [

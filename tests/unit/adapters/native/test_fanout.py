@@ -18,7 +18,7 @@ from uwserver_adapters.native.messages import Encoding
 from uwserver_adapters.native.shares import Share, Subscription, Taken
 
 from uwserver.ports import Event, Field, Port, Sample
-from uwserver.ports.thinning import Thinning
+from uwserver.ports.decimation import Decimation
 from uwserver.testing import FakeContext, sample_of
 from uwserver.testing.fake_context import DEPTH, IMU, THRUSTERS
 
@@ -277,7 +277,7 @@ def test_the_world_is_told_what_is_enough_for_clients_together(stage: Callable[.
         theatre = stage()
         context, routes = theatre.context, theatre.adapter.service.fanout
         follow, followed = context.follow_wants, list[Any]()
-        context.follow_wants = lambda: (follow(), followed.append(dict(routes.thinned)))[0]
+        context.follow_wants = lambda: (follow(), followed.append(dict(routes.decimations)))[0]
         one, two = theatre.talker(), theatre.talker("msgpack")
         await one.result("subscribe", {"pattern": "rov/*", "rate_hz": 10})
         assert followed.pop() == {}, "nothing is known before the first sample"
@@ -285,14 +285,14 @@ def test_the_world_is_told_what_is_enough_for_clients_together(stage: Callable[.
         for k in range(fanout.UPDATE_TICKS - 1):
             assert followed == []
             context.put([sample_of(DEPTH, k, 70 + k)])
-        assert followed == [{"rov/imu": (Thinning(10.0, 50),), "rov/depth": (Thinning(10.0, 70),)}]
+        assert followed == [{"rov/imu": (Decimation(10.0, 50),), "rov/depth": (Decimation(10.0, 70),)}]
         await two.result("subscribe", {"pattern": "rov/imu"})
-        assert followed.pop() == {"rov/depth": (Thinning(10.0, 70),)}
+        assert followed.pop() == {"rov/depth": (Decimation(10.0, 70),)}
         two.transport.die()
         await asyncio.sleep(0)
         assert followed.pop().keys() == {"rov/imu", "rov/depth"}
         context.say(Event("reset", 0, 0, "by the test"))
-        assert routes.thinned == {}
+        assert routes.decimations == {}
 
     asyncio.run(scene())
 

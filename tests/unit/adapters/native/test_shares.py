@@ -6,7 +6,7 @@ import pytest
 from uwserver_adapters.native import shares
 from uwserver_adapters.native.shares import Share, Subscription, Taken
 
-from uwserver.ports.thinning import Thinning
+from uwserver.ports.decimation import Decimation
 
 
 @pytest.fixture
@@ -26,38 +26,38 @@ def share(taken: Taken, rate_hz: float | None) -> Share:
 def test_all_is_taken_until_the_first_sample_has_come(taken: Taken, told: list[str]) -> None:
     """Before that nobody knows from where the intervals count."""
     slow = share(taken, 10.0)
-    assert (taken.thinnings, told) == ((), [])
+    assert (taken.decimations, told) == ((), [])
     assert slow.passes(40)
-    assert (taken.thinnings, told) == ((Thinning(10.0, 40),), ["less"])
+    assert (taken.decimations, told) == ((Decimation(10.0, 40),), ["less"])
 
 
 def test_one_that_takes_all_takes_it_for_the_others(taken: Taken) -> None:
     slow, whole = share(taken, 10.0), share(taken, None)
     assert slow.passes(0)
     assert whole.passes(0)
-    assert taken.thinnings == ()
+    assert taken.decimations == ()
     whole.end()
-    assert taken.thinnings == (Thinning(10.0, 0),)
+    assert taken.decimations == (Decimation(10.0, 0),)
 
 
 def test_different_rates_are_told_together_and_alike_once(taken: Taken) -> None:
     slow, slower, same = share(taken, 10.0), share(taken, 1.0), share(taken, 10.0)
     for each in (slow, slower, same):
         each.passes(7)
-    assert set(taken.thinnings) == {Thinning(10.0, 7), Thinning(1.0, 7)}
+    assert set(taken.decimations) == {Decimation(10.0, 7), Decimation(1.0, 7)}
     slow.end()
-    assert len(taken.thinnings) == 2, "one of them still counts its intervals from there"
+    assert len(taken.decimations) == 2, "one of them still counts its intervals from there"
     same.end()
-    assert taken.thinnings == (Thinning(1.0, 7),)
+    assert taken.decimations == (Decimation(1.0, 7),)
 
 
 def test_who_begins_anew_takes_all_until_then(taken: Taken) -> None:
     slow = share(taken, 10.0)
     slow.passes(0)
     slow.restart()
-    assert taken.thinnings == ()
+    assert taken.decimations == ()
     slow.passes(30)
-    assert taken.thinnings == (Thinning(10.0, 30),)
+    assert taken.decimations == (Decimation(10.0, 30),)
 
 
 def test_where_time_goes_back_all_is_taken_from_then_on(taken: Taken, told: list[str]) -> None:
@@ -65,16 +65,16 @@ def test_where_time_goes_back_all_is_taken_from_then_on(taken: Taken, told: list
     slow = share(taken, 10.0)
     times = (5_000_000_000, 1_000_000_000, 1_050_000_000, 1_100_000_000)
     assert [slow.passes(t) for t in times] == [True, True, False, True]
-    assert (taken.thinnings, len(told)) == ((), 1)
+    assert (taken.decimations, len(told)) == ((), 1)
     slow.restart()
     slow.passes(0)
-    assert taken.thinnings == (Thinning(10.0, 0),)
+    assert taken.decimations == (Decimation(10.0, 0),)
     slow.end()
-    assert taken.thinnings == ()
+    assert taken.decimations == ()
 
 
 def test_of_many_different_ones_all_samples_are_made(taken: Taken) -> None:
-    for k in range(shares.MOST_THINNINGS + 1):
-        assert len(taken.thinnings) == k
+    for k in range(shares.MOST_DECIMATIONS + 1):
+        assert len(taken.decimations) == k
         share(taken, 10.0).passes(k)
-    assert taken.thinnings == ()
+    assert taken.decimations == ()

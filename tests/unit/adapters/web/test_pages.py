@@ -210,14 +210,14 @@ def test_a_page_that_subscribes_gets_samples_states_and_status() -> None:
 
 def test_what_is_enough_of_a_port_is_said_but_not_of_pictures() -> None:
     async def scene(stage: Stage) -> None:
-        assert stage.adapter.thinned == {}
+        assert stage.adapter.decimations == {}
         async with stage.page() as page:
             await ask(page, "subscribe", pattern="rov/*", rate_hz=1.0)
             for sample in (stage.context.emit() for _ in range(3)):
                 assert sample
-            assert set(stage.adapter.thinned) == {"rov/imu", "rov/sonar"}
+            assert set(stage.adapter.decimations) == {"rov/imu", "rov/sonar"}
             await ask(page, "view", pictures=["rov/sonar"])
-            assert set(stage.adapter.thinned) == {"rov/imu"}
+            assert set(stage.adapter.decimations) == {"rov/imu"}
 
     play(scene, with_sonar())
 

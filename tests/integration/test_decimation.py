@@ -200,15 +200,15 @@ def test_clients_get_what_they_got_from_a_world_that_makes_all(
         return one, other, len(made)
 
     one, other, fewer = played()
-    monkeypatch.setattr(bus_module, "thinned_together", lambda readers, paths: {})
+    monkeypatch.setattr(bus_module, "merged_decimations", lambda readers, paths: {})
     all_one, all_other, whole = played()
     assert len(all_one) > 100
     assert one == all_one
     assert other == all_other
-    assert fewer < 0.9 * whole, "it was not thinned"
+    assert fewer < 0.9 * whole, "it was not decimated"
 
 
-def test_what_is_thinned_is_what_is_sent(made: list[str]) -> None:
+def test_what_is_decimated_is_what_is_sent(made: list[str]) -> None:
     """In a calm world one sample is made for each that is sent, but where the order of delivery is not that of time."""
     served = Served()
     client = Client(served)
@@ -228,13 +228,13 @@ def test_a_loop_that_has_not_heard_of_a_reset_thins_nothing_behind_it(made: list
     Client(served).subscribe(1, "rov/plain", 10.0)
     served.run(480)
     assert served.bus.wanted is not None
-    assert served.bus.wanted.thinned.keys() == {"rov/plain"}
+    assert served.bus.wanted.decimations.keys() == {"rov/plain"}
     served.call("world/reset")
     made.clear()
     for tick in range(240):  # nobody delivers
         if tick == 7:  # says again what was enough before
             served.bus.heed(SimpleNamespace(wanted=("rov/ahead",)))
-            assert served.bus.wanted.thinned.keys() == {"rov/plain"}
+            assert served.bus.wanted.decimations.keys() == {"rov/plain"}
         served.readers.begin()
         served.bus.publish(served.world.advance())
     assert made.count("rov/plain") == 120

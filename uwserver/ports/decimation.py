@@ -10,7 +10,7 @@ ROUNDING_NS = 1000
 """Margin for sample times, which are rounded to whole nanoseconds: the first sample of an interval may seem to lie just before it."""
 
 
-class Thinning(Struct, frozen=True, gc=False):
+class Decimation(Struct, frozen=True, gc=False):
     """Rule that takes the first sample of a port in each interval. Intervals are computed, not accumulated, so they do not drift.
 
     Attributes:
@@ -29,7 +29,7 @@ class Thinning(Struct, frozen=True, gc=False):
         return int((t_ns - self.start_ns + ROUNDING_NS) * self.rate_hz // 1e9)
 
 
-Thinned = Mapping[str, Collection[Thinning]]
+Decimations = Mapping[str, Collection[Decimation]]
 """Decimations by port path: only samples that one of them takes are needed. All samples of other ports are needed."""
-WHOLE: Thinned = {}
+EVERY_SAMPLE: Decimations = {}
 """No decimation: all samples are needed."""
