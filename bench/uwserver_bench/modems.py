@@ -61,7 +61,7 @@ def fleet(with_modems: bool = True) -> World:
             sensors={"modem": modem} if with_modems else {},
         )  # fmt: skip
     world = build(load(Scenario(schema=1, vehicles=vehicles), adapters={}))
-    world.want(())
+    world.subscribe(())
     return world
 
 

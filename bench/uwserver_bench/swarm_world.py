@@ -52,7 +52,7 @@ def fly(task: Mapping[str, Any]) -> dict[str, object]:
     begin = processor_ns()
     world = loaded(task["kind"], task["vehicles"], task["one_core"])
     load_s = (processor_ns() - begin) * 1e-9
-    world.want(())
+    world.subscribe(())
     ticks(world, SETTLE_TICKS if task["kind"] == "navigation" else _TICKS)
     if task["kind"] == "navigation":
         set_out(world, task["vehicles"])
@@ -79,7 +79,7 @@ def unread(task: Mapping[str, Any]) -> dict[str, object]:
     for _ in range(task["repeats"]):
         rates = []
         for wanted in (None, ()):
-            world.want(wanted)
+            world.subscribe(wanted)
             rates.append(pace(lambda: ticks(world, _TICKS), _TICKS, task["seconds"])[0])
         found.append(rates[0] / rates[1])
     return {"ratio": found}
@@ -108,7 +108,7 @@ def read(task: Mapping[str, Any]) -> dict[str, object]:
         Processor time of a sample with all errors, from reading to delivery, us; and what white noise on the specific force adds to an exact sample.
     """
     world = loaded("inertial", task["vehicles"], True)
-    world.want(())
+    world.subscribe(())
     ticks(world, _TICKS)
     due = {kind: _heads(world, task["vehicles"], kind) for kind in ("inertial", "exact", "noisy")}
     sensor = world.sensors[f"{names(1)[0]}/inertial"].sensor

@@ -860,7 +860,7 @@ class DeviceMessages(InLoop):
     def _see(self) -> None:
         for sample in self._samples:
             for device in self._devices.values():
-                if sample.port in device.wanted:
+                if sample.port in device.subscriptions:
                     device.see(sample)
 
     async def _once(self) -> None:

@@ -63,8 +63,8 @@ class Context:
     def ports(self) -> Any:
         return self.bus.ports or self.world.ports
 
-    def follow_wants(self) -> None:
-        self.bus.follow_wants()
+    def subscriptions_changed(self) -> None:
+        self.bus.subscriptions_changed()
 
 
 class Client:
@@ -227,14 +227,14 @@ def test_a_loop_that_has_not_heard_of_a_reset_thins_nothing_behind_it(made: list
     served = Served()
     Client(served).subscribe(1, "rov/plain", 10.0)
     served.run(480)
-    assert served.bus.wanted is not None
-    assert served.bus.wanted.decimations.keys() == {"rov/plain"}
+    assert served.bus.subscriptions is not None
+    assert served.bus.subscriptions.decimations.keys() == {"rov/plain"}
     served.call("world/reset")
     made.clear()
     for tick in range(240):  # nobody delivers
         if tick == 7:  # says again what was enough before
-            served.bus.heed(SimpleNamespace(wanted=("rov/ahead",)))
-            assert served.bus.wanted.decimations.keys() == {"rov/plain"}
+            served.bus.add_reader(SimpleNamespace(subscriptions=("rov/ahead",)))
+            assert served.bus.subscriptions.decimations.keys() == {"rov/plain"}
         served.readers.begin()
         served.bus.publish(served.world.advance())
     assert made.count("rov/plain") == 120

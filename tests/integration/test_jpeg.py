@@ -154,7 +154,7 @@ def test_by_zenoh_it_has_a_key_of_its_own():
             meta = json.loads(came[0].attachment.to_bytes())
             assert (meta["port"], meta["seq"], meta["field"]) == ("rov/camera", 7, "image")
             subscriber.undeclare()
-            while fake.wanted:
+            while fake.subscriptions:
                 await asyncio.sleep(0.02)
             fake.set_ports([DEPTH])
             assert fake.stats.errors == 0

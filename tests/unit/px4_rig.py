@@ -109,13 +109,13 @@ class Rig:
             "fix",
         )
         roles = Roles(
-            readings.want("imu", "imu", [("w_S", "f_S")]),
-            readings.want("pose", "truth/pose", [("p_NB", "q_NB")]),
-            readings.want("velocity", "truth/velocity", [("v_NB_B", "w_NB_B")]),
-            readings.want("magnetometer", "magnetometer", [("field_S",)]) if extras else None,
-            readings.want("depth", "depth", [("depth", "temperature")]) if extras else None,
-            readings.want("gps", "gps", [gps], keeps=False) if extras else None,
-            ((readings.want("altimeter", "altimeter", [("range",)], keeps=False), (0.3, 50.0)),) if extras else (),
+            readings.subscribe("imu", "imu", [("w_S", "f_S")]),
+            readings.subscribe("pose", "truth/pose", [("p_NB", "q_NB")]),
+            readings.subscribe("velocity", "truth/velocity", [("v_NB_B", "w_NB_B")]),
+            readings.subscribe("magnetometer", "magnetometer", [("field_S",)]) if extras else None,
+            readings.subscribe("depth", "depth", [("depth", "temperature")]) if extras else None,
+            readings.subscribe("gps", "gps", [gps], keeps=False) if extras else None,
+            ((readings.subscribe("altimeter", "altimeter", [("range",)], keeps=False), (0.3, 50.0)),) if extras else (),
         )
         senses = SensorMessages(readings, roles, (60.0, 5.0), odometry_s, (0.1, 0.02, 0.05))
         outputs = Outputs({}, PORTS, "rov")

@@ -102,12 +102,12 @@ class Subscriber(Protocol):
 
     A subscriber may have some of these optional attributes and methods:
 
-    - `wanted`, an attribute or property: the paths of the ports whose samples it reads, or None for all ports, which is the default. Samples
-      are made only for ports that some subscriber wants; a subscriber also gets those that others want. The attribute is read when the
-      subscriber is attached, after it has received the event of changed ports, and at `AdapterContext.follow_wants`. Until then, samples of new
+    - `subscriptions`, an attribute or property: the paths of the ports whose samples it reads, or None for all ports, which is the default. Samples
+      are made only for ports to which some subscriber subscribes; a subscriber also gets those of others. The attribute is read when the
+      subscriber is attached, after it has received the event of changed ports, and at `AdapterContext.subscriptions_changed`. Until then, samples of new
       ports are made in any case.
     - `decimations`: for each path the `uwserver.ports.decimation.Decimation` objects that are enough for that port. The subscriber needs only samples
-      that one of them takes, and gets all of these, perhaps with others. The attribute is read together with `wanted`, and holds until the
+      that one of them takes, and gets all of these, perhaps with others. The attribute is read together with `subscriptions`, and holds until the
       event of a reset or of changed ports.
     - `put_batch`: a method that gets the samples of several successive ticks at once, as rows of numbers (`SampleBatch`). It is called in place of
       `put_samples` if all of these samples are rows; while others read too, it gets one tick at a time.
@@ -139,7 +139,7 @@ class Driver(Protocol):
 
     It is the only part of an adapter that is called on the simulation thread, because handing over to the loop and back takes longer than a
     tick. So it needs a socket of its own that does not block or has a time limit, must not touch anything that the loop changes, and must never
-    take longer than it is allowed. It may have the attribute `wanted` of a `Subscriber`, which is read on the loop.
+    take longer than it is allowed. It may have the attribute `subscriptions` of a `Subscriber`, which is read on the loop.
     """
 
     def order(self, wait_s: float) -> Order | None:
@@ -187,11 +187,11 @@ class AdapterContext(Protocol):
     def last(self, port: str) -> Sample | None:
         """Return the newest delivered sample of a port, or None before the first.
 
-        A subscriber of this adapter must want all samples of the port; the samples since then count.
+        A subscriber of this adapter must subscribe to all samples of the port; the samples since then count.
         """
 
     def read(self, ports: Sequence[str], on_samples: Callable[[Sequence[Sample]], None], source: str = "") -> None:
-        """Ask for the newest delivered samples of some ports. No subscriber needs to want them.
+        """Ask for the newest delivered samples of some ports. No subscriber needs to subscribe to them.
 
         Args:
             ports: paths. Ports that do not exist, or have sent nothing yet, are left out.
@@ -231,8 +231,8 @@ class AdapterContext(Protocol):
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:
         """Begin to deliver samples and events; the returned function ends that."""
 
-    def follow_wants(self) -> None:
-        """Read again what the subscribers and drivers of this adapter want. A step that is requested after this gives those samples."""
+    def subscriptions_changed(self) -> None:
+        """Read again what the subscribers and drivers of this adapter subscribe to. A step that is requested after this gives those samples."""
 
     def command(
         self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None, queue: str = ""

@@ -126,14 +126,14 @@ class Readings:
     def __init__(self, ports: Mapping[str, Port], vehicle: str) -> None:
         self._ports = ports
         self._vehicle = vehicle
-        self._wanted: dict[str, list[Reading]] = {}
+        self._subscriptions: dict[str, list[Reading]] = {}
 
     @property
-    def wanted(self) -> Collection[str]:
+    def subscriptions(self) -> Collection[str]:
         """The paths of these ports."""
-        return self._wanted.keys()
+        return self._subscriptions.keys()
 
-    def want(self, role: str, name: str, choices: Sequence[Sequence[str]], keeps: bool = True) -> Reading:
+    def subscribe(self, role: str, name: str, choices: Sequence[Sequence[str]], keeps: bool = True) -> Reading:
         """Follow a port, and return its reading.
 
         Args:
@@ -152,12 +152,12 @@ class Readings:
             needs = " or ".join(" and ".join(fields) for fields in choices)
             raise CannotServe(f'{role}: "{port.path}" has the fields {", ".join(sorted(has))}; needed is {needs}')
         reading = Reading(port, fields, keeps)
-        self._wanted.setdefault(port.path, []).append(reading)
+        self._subscriptions.setdefault(port.path, []).append(reading)
         return reading
 
     def see(self, samples: Iterable[Sample]) -> None:
         """Take in the samples of a tick."""
-        wanted = self._wanted
+        subscriptions = self._subscriptions
         for sample in samples:
-            for reading in wanted.get(sample.port, ()):
+            for reading in subscriptions.get(sample.port, ()):
                 reading.take(sample)

@@ -96,7 +96,7 @@ def _wish(e: Any, o: Any, c: Any, now: Any) -> tuple[Vec3, Vec3, Vec3, Quat, Vec
         rates = (s[3] * g.max_rate_radps, s[4] * g.max_rate_radps, s[5] * g.max_yaw_rate_radps)
         return (fx, fy, fz), STILL, NOWHERE, _NO_ATTITUDE, rates
     slow = _caution(e, c)
-    vx, vy, vz = _wanted(e, o, c, now)
+    vx, vy, vz = _velocity_setpoint(e, o, c, now)
     vx, vy, vz = slow * vx, slow * vy, slow * vz
     if mode == SURFACE and not now.depth:
         fz = -_RISE * r[2]
@@ -132,7 +132,7 @@ def _holds_tilt(c: Any) -> bool:
 
 
 @compiled
-def _wanted(e: Any, o: Any, c: Any, now: Any) -> Vec3:
+def _velocity_setpoint(e: Any, o: Any, c: Any, now: Any) -> Vec3:
     """Return the demanded velocity in N, m/s; nan where the sticks act on forces."""
     free = o.frame == NO_FRAME and o.attitude[0] != o.attitude[0]
     goes = (o.mode == GUIDED or o.mode == MISSION) and now.position and free

@@ -95,7 +95,7 @@ def _learn(e: Any, m: Any, o: Any, c: Any, u: float, now: Any) -> None:
 def _surge(e: Any, m: Any, o: Any, c: Any, u: float, now: Any) -> float:
     """Return the force ahead at speed u (m/s), N."""
     g = o.gains
-    wanted = _wanted(e, o, c)
+    wanted = _speed_setpoint(e, o, c)
     if wanted != wanted:
         set_three(m.push, STILL)
         return float(o.stick[0] * abs(o.stick[0]) * c.reach[0] * g.stick)
@@ -110,7 +110,7 @@ def _surge(e: Any, m: Any, o: Any, c: Any, u: float, now: Any) -> float:
 
 
 @compiled
-def _wanted(e: Any, o: Any, c: Any) -> float:
+def _speed_setpoint(e: Any, o: Any, c: Any) -> float:
     """Return the demanded speed ahead, m/s; nan where the stick acts on the propeller."""
     g, mode, v = o.gains, o.mode, o.velocity
     if mode == VELOCITY or (mode == GUIDED and o.frame != NO_FRAME):

@@ -48,10 +48,10 @@ class Copy:
     def __init__(self, world: World, measured: Collection[str]) -> None:
         """Take a world, in which these sensors measure."""
         self.world = world
-        world.want(())
+        world.subscribe(())
         world.sensing.choose(measured)
         # The threads of a batch share the copies, not the bodies of one copy.
-        world.threads.want(1)
+        world.threads.use(1)
         world.hydro.set_team(ALONE, 1)
         sensors = [slot.sensor for slot in world.sensors.values()]
         self.kernels: dict[int, SensorKernel] = {

@@ -29,7 +29,7 @@ from uwserver.scenario.files.opening import opened
 PAIR_EVERY = 512
 """Number of messages between two rounds of pairing."""
 
-Wanted = Callable[[str], bool]
+PortFilter = Callable[[str], bool]
 
 
 class _Sample(Struct):
@@ -91,7 +91,7 @@ class Compared:
 
 
 def compare(
-    a: Path, b: Path, wanted: Wanted = lambda _: True, begin_ns: int = 0, end_ns: int | None = None
+    a: Path, b: Path, wanted: PortFilter = lambda _: True, begin_ns: int = 0, end_ns: int | None = None
 ) -> Compared:
     """Compare two recordings.
 
@@ -140,7 +140,7 @@ def _first(pairings: Mapping[str, Pairing]) -> tuple[str, str, int] | None:
     return port, field, t_ns
 
 
-def _surveyed(path: Path, wanted: Wanted) -> dict[str, tuple[Described, int]]:
+def _surveyed(path: Path, wanted: PortFilter) -> dict[str, tuple[Described, int]]:
     """Return the ports with samples, and the numbers of samples, from the index of each file; a file without index is read."""
     ports: dict[str, Described] = {}
     counts: Counter[str] = Counter()

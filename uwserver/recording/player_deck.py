@@ -183,8 +183,8 @@ class Deck:
 
     def _samples(self, messages: Iterable[McapMessage]) -> list[Sample]:
         """Return the samples of messages that a client wants."""
-        wanted, track = self._bus.wanted, self.track
-        chosen = (m for m in messages if wanted is None or track.messages.topic(m) in wanted)
+        subscriptions, track = self._bus.subscriptions, self.track
+        chosen = (m for m in messages if subscriptions is None or track.messages.topic(m) in subscriptions)
         return [sample for m in chosen if (sample := track.messages.sample(m, self.world.ports)) is not None]
 
     def _publish_to_new_listeners(self) -> None:

@@ -214,7 +214,7 @@ class _Run:
         if missing is not None:
             raise NotReplayable(f"{path}: its contacts cannot be computed here: {missing}")
         self.world: World = _built(head, is_changed=head is changed and bool(changes))
-        self.world.want(())
+        self.world.subscribe(())
         rate = physics_rate(recorded.resolved.scenario.world.rate_hz)
         self._recorded_ticks, self._has_other_ticks = Ticks(rate), rate != self.world.rate_hz
         self.recorder: Recorder | None = None
@@ -233,7 +233,7 @@ class _Run:
     def begin(self, state: bytes) -> None:
         """Go to the begin of the recording. `state` is the state with which it begins, b"" for the start of the scenario."""
         if self.recorder is not None:
-            self.world.want(None)
+            self.world.subscribe(None)
         if state:
             if self._changes.settings and self._from == 0:
                 raise BadChange(f"{self._path}: it begins during a run: give a --from after its begin")

@@ -226,9 +226,9 @@ class Context:
         """Begin to deliver samples and events to a subscriber. The returned function ends it."""
         return self._hub.bus.attach(subscriber if self._truth else WithoutTruth(subscriber, self))
 
-    def follow_wants(self) -> None:
+    def subscriptions_changed(self) -> None:
         """Take over changed subscriptions."""
-        self._hub.bus.follow_wants()
+        self._hub.bus.subscriptions_changed()
 
     def command(
         self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None, queue: str = ""
@@ -345,7 +345,7 @@ class Context:
         """See `uwserver.adapter.AdapterContext.drive`."""
         source = f"{self.name}:{client}"
         visible = driver if self._truth else DriverWithoutTruth(driver, self)
-        forget = self._hub.bus.heed(visible)  # before its first tick
+        forget = self._hub.bus.add_reader(visible)  # before its first tick
         try:
             leave = self._hub.simulation.lockstep.drive(client, source, visible, on_reply)
         except Refused:

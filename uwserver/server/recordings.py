@@ -220,7 +220,7 @@ class Recordings:
         return f"{scenario}-{utc_text()}"
 
     async def _begin(self, recorder: Recorder) -> None:
-        end_heed = self._bus.heed(recorder)  # so that all samples of its first tick are made
+        end_reading = self._bus.add_reader(recorder)  # so that all samples of its first tick are made
 
         def attach() -> None:
             self._detach = self._bus.attach(recorder)
@@ -228,7 +228,7 @@ class Recordings:
         try:
             state = await self._between_ticks(lambda: recorder.begin(self._simulation), attach)
         finally:
-            end_heed()
+            end_reading()
         try:
             await _in_thread(partial(recorder.write_from, state))
         except Exception as error:

@@ -29,7 +29,7 @@ class WithoutTruth:
         self._truth_streams: frozenset[int] = frozenset()
 
     @property
-    def wanted(self) -> Collection[str]:
+    def subscriptions(self) -> Collection[str]:
         """The subscriptions, without truth."""
         return _visible_of(self._subscriber, self._context)
 
@@ -63,7 +63,7 @@ class DriverWithoutTruth:
         self.order, self.answer, self.refuse = driver.order, driver.answer, driver.refuse
 
     @property
-    def wanted(self) -> Collection[str]:
+    def subscriptions(self) -> Collection[str]:
         """The subscriptions, without truth."""
         return _visible_of(self._driver, self._context)
 
@@ -74,8 +74,8 @@ class DriverWithoutTruth:
 
 def _visible_of(reader: Subscriber | Driver, context: AdapterContext) -> Collection[str]:
     """Return the subscriptions of a reader without truth. A reader that subscribes to everything gets everything that it may see."""
-    wanted: Collection[str] | None = getattr(reader, "wanted", None)
-    return context.ports.keys() if wanted is None else [path for path in wanted if "/truth/" not in path]
+    subscriptions: Collection[str] | None = getattr(reader, "subscriptions", None)
+    return context.ports.keys() if subscriptions is None else [path for path in subscriptions if "/truth/" not in path]
 
 
 def _without_truth(samples: Sequence[Sample]) -> list[Sample]:

@@ -16,7 +16,7 @@ from uwserver.ports.decimation import EVERY_SAMPLE
 from uwserver.ports.sample_batch import SampleBatch
 from uwserver.simulation.clock import SystemTime, Time
 from uwserver.simulation.newest import Newest
-from uwserver.simulation.wants import Wanted, merged_decimations, together, wants_any
+from uwserver.simulation.subscriptions import Subscriptions, merged, merged_decimations, subscribes_any
 from uwserver.units import NANOSECONDS
 
 log = logging.getLogger(__name__)
@@ -41,7 +41,7 @@ _NEWEST = 0.25
 
 
 class Sink(Protocol):
-    """Takes samples and events of the world on the loop; must not block. It may have `wanted`, `decimations` and `send_samples`, as
+    """Takes samples and events of the world on the loop; must not block. It may have `subscriptions`, `decimations` and `send_samples`, as
     `uwserver.adapter.Subscriber`, and `put_batch`."""
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
@@ -57,7 +57,7 @@ class Bus:
     Attributes:
         dropped: samples that were dropped because the loop was too slow.
         last: newest delivered sample of each port that a sink reads. Loop thread.
-        wanted: the ports of which samples are made; None for all. Replaced on the loop, never changed. The simulation thread reads it
+        subscriptions: the ports of which samples are made; None for all. Replaced on the loop, never changed. The simulation thread reads it
             before each tick, so that what was subscribed before a step was requested is made in that step.
         asked: how often readers have set their subscriptions, also without a change. Any thread may read it.
         ports: of the newest delivered tick. The ports of the world may be newer, but samples always fit these ports. None before the first
@@ -89,7 +89,7 @@ class Bus:
         self._decimations = EVERY_SAMPLE
         self._known: Mapping[str, Port] = {}
         self._jumps = 0
-        self.wanted: Wanted | None = Wanted((), ())
+        self.subscriptions: Subscriptions | None = Subscriptions((), ())
         self.asked = 0
         self.dropped = 0
         self.last = Newest()
@@ -100,7 +100,7 @@ class Bus:
     def attach(self, sink: Sink) -> Callable[[], None]:
         """Begin to deliver to a sink. The returned function ends it. Loop thread."""
         self._sinks.append(sink)
-        end = self.heed(sink)
+        end = self.add_reader(sink)
 
         def detach() -> None:
             self._sinks.remove(sink)
@@ -108,15 +108,15 @@ class Bus:
 
         return detach
 
-    def heed(self, reader: object) -> Callable[[], None]:
+    def add_reader(self, reader: object) -> Callable[[], None]:
         """Make the samples that a reader subscribes to, also if it is no sink: a driver gets samples in their tick. The returned function
         ends it. Loop thread."""
         self._readers.append(reader)
-        self.follow_wants()
+        self.subscriptions_changed()
 
         def end() -> None:
             self._readers.remove(reader)
-            self.follow_wants()
+            self.subscriptions_changed()
 
         return end
 
@@ -124,24 +124,24 @@ class Bus:
         """Set the ports of the world and its number of jumps, which readers know of. Called before the simulation runs, and when readers
         have heard of a change."""
         self._known, self._jumps = ports, jumps
-        self.follow_wants()
+        self.subscriptions_changed()
 
-    def follow_wants(self) -> None:
+    def subscriptions_changed(self) -> None:
         """Take over changed subscriptions of readers, from the next tick on. Loop thread."""
         self.asked += 1
-        self._sample_sinks = [sink for sink in self._sinks if wants_any(sink)]
+        self._sample_sinks = [sink for sink in self._sinks if subscribes_any(sink)]
         batch_puts = [getattr(sink, "put_batch", None) for sink in self._sample_sinks]
         self._batch_puts = [put for put in batch_puts if put is not None]
         self._others = [sink for sink, put in zip(self._sample_sinks, batch_puts, strict=True) if put is None]
-        before, paths, less, decimations = self._paths, together(self._readers), self._decimations, EVERY_SAMPLE
+        before, paths, less, decimations = self._paths, merged(self._readers), self._decimations, EVERY_SAMPLE
         if paths is not None:
             decimations = merged_decimations(self._readers, paths)
-        wanted = self.wanted
-        is_known = wanted is None or (wanted.known is self._known and (wanted.jumps == self._jumps or not decimations))
+        subscriptions = self.subscriptions
+        is_known = subscriptions is None or (subscriptions.known is self._known and (subscriptions.jumps == self._jumps or not decimations))
         if paths == before and decimations == less and is_known:
             return  # A new object would make the world mark all its streams again.
         self._paths, self._decimations = paths, decimations
-        self.wanted = None if paths is None else Wanted(paths, self._known, self._jumps, decimations)
+        self.subscriptions = None if paths is None else Subscriptions(paths, self._known, self._jumps, decimations)
         if (
             paths != before or decimations.keys() != less.keys()
         ):  # A sample of a port that was not read for a while is not the newest one.

@@ -12,7 +12,7 @@ from uwserver.ports import EntityList, Refused, Sample, SceneState
 from uwserver.ports.decimation import EVERY_SAMPLE
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.steering import Steering
-from uwserver.simulation.wants import Wanted
+from uwserver.simulation.subscriptions import Subscriptions
 from uwserver.world.scene_probe import SceneProbe
 from uwserver.world.world import World
 
@@ -33,7 +33,7 @@ class Readers:
     def __init__(self, world: World, bus: Bus, steering: Steering) -> None:
         """Take the world of a simulation. `bus` knows the subscriptions; `steering` runs actions between two ticks."""
         self._world, self._bus, self._steering = world, bus, steering
-        self._wanted: Wanted | None = None
+        self._subscriptions: Subscriptions | None = None
         self._probe = SceneProbe(world)
         self._seen = SceneState(EntityList(0, (), ()), 0, np.zeros((0, 7)), np.zeros(0, np.int8), (0.0, 0.0, 0.0))
         self._is_blind = False
@@ -41,13 +41,13 @@ class Readers:
 
     def begin(self) -> None:
         """Begin a tick: give the world the present subscriptions. Simulation thread."""
-        wanted = self._bus.wanted
-        if wanted is not self._wanted:
-            self._wanted = wanted
+        subscriptions = self._bus.subscriptions
+        if subscriptions is not self._subscriptions:
+            self._subscriptions = subscriptions
             world = self._world
             # The decimations are for ports and times that have changed since, so they do not apply.
-            is_past = wanted is None or wanted.known is not world.ports or wanted.jumps != world.jumps
-            world.want(wanted, EVERY_SAMPLE if wanted is None or is_past else wanted.decimations)
+            is_past = subscriptions is None or subscriptions.known is not world.ports or subscriptions.jumps != world.jumps
+            world.subscribe(subscriptions, EVERY_SAMPLE if subscriptions is None or is_past else subscriptions.decimations)
 
     def read(self, ports: Sequence[str], on_samples: OnSamples, source: str = "") -> None:
         """Ask for the newest delivered samples of some ports, subscribed to or not. Loop thread.

@@ -122,13 +122,13 @@ def _tell(
     stream.newest, stream.seq, stream.t_ns, stream.t_sent_ns, stream.valid = 1, seq, t_ns, sent, valid
     for i in range(stream.width):
         numbers[stream.newest_first + i] = values[first + i]
-    if stream.wanted != 0:
+    if stream.use != 0:
         delivered = _delivered(table)[counts.delivered]
         delivered.t_sent_ns, delivered.stream, delivered.seq, delivered.t_ns, delivered.valid, delivered.slot = sent, k, seq, t_ns, valid, -1
         for i in range(stream.width):
             delivered_values[counts.delivered, i] = values[first + i]
         is_whole = stream.decimation_count == 0 or stream.unordered != 0
-        if stream.wanted == READ and (is_whole or _is_taken(table, stream, t_ns)):
+        if stream.use == READ and (is_whole or _is_taken(table, stream, t_ns)):
             _log_in(table, delivered, values, first, stream.width, texts)
         if stream.wordy != 0 and texts == 0:
             _wordy(table)[counts.wordy] = counts.delivered

@@ -29,7 +29,7 @@ STREAM = np.dtype(
         ("newest_first", "i8"),  # place of the newest delivered sample in `numbers`
         ("dt", "f8"),
         ("frozen", "i8"),  # 1: a fault makes the stream repeat its last reading
-        ("wanted", "i8"),  # READ: somebody reads the samples; HEARD: only compiled code does; KEPT: nobody does
+        ("use", "i8"),  # READ: somebody reads the samples; HEARD: only compiled code does; KEPT: nobody does
         (
             "wordy",
             "i8",

@@ -142,7 +142,7 @@ class FakeContext:
         joined: clients in the lockstep barrier.
         drivers: drivers that are asked for orders now, each millisecond of wall time; each tick of an order is an `emit`.
         subscribers: subscribers that are attached now.
-        wanted: ports that subscribers or drivers want; no others are delivered.
+        subscriptions: ports that subscribers or drivers subscribe to; no others are delivered.
         described: patterns for which `describe` was called.
         tick: number of the tick, which grows with each `emit`.
         scene_state: where bodies are; the test may replace it.
@@ -163,7 +163,7 @@ class FakeContext:
     joined: list[str] = field(default_factory=list)
     drivers: list[Driver] = field(default_factory=list)
     subscribers: list[Subscriber] = field(default_factory=list)
-    wanted: frozenset[str] = frozenset()
+    subscriptions: frozenset[str] = frozenset()
     described: list[str] = field(default_factory=list)
     tick: int = 0
     scene_state: SceneState = NOBODY
@@ -223,19 +223,19 @@ class FakeContext:
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:
         """Begin to deliver samples and events; the returned function ends that."""
         self.subscribers.append(subscriber)
-        self.follow_wants()
+        self.subscriptions_changed()
 
         def detach() -> None:
             self.subscribers.remove(subscriber)
-            self.follow_wants()
+            self.subscriptions_changed()
 
         return detach
 
-    def follow_wants(self) -> None:
-        """Read what subscribers and drivers want."""
+    def subscriptions_changed(self) -> None:
+        """Read what subscribers and drivers subscribe to."""
         readers = [*self.subscribers, *self.drivers]
-        wanted = [self.ports.keys() if (some := getattr(r, "wanted", None)) is None else some for r in readers]
-        self.wanted = frozenset().union(*wanted)
+        subscriptions = [self.ports.keys() if (some := getattr(r, "subscriptions", None)) is None else some for r in readers]
+        self.subscriptions = frozenset().union(*subscriptions)
 
     def command(
         self, port: str, value: Mapping[str, object], source: str, on_reply: OnReply | None, queue: str = ""
@@ -298,11 +298,11 @@ class FakeContext:
 
         task = asyncio.get_running_loop().create_task(ask())
         self.drivers.append(driver)
-        self.follow_wants()
+        self.subscriptions_changed()
 
         def end() -> None:
             self.drivers.remove(driver)
-            self.follow_wants()
+            self.subscriptions_changed()
             task.cancel()
 
         return end
@@ -350,7 +350,7 @@ class FakeContext:
 
     def put(self, samples: Sequence[Sample]) -> None:
         """Deliver those of these samples that somebody wants, as one tick, to every driver and subscriber."""
-        samples = [sample for sample in samples if sample.port in self.wanted]
+        samples = [sample for sample in samples if sample.port in self.subscriptions]
         for driver in list(self.drivers):
             driver.see(self.tick * TICK_NS, samples)
         for subscriber in list(self.subscribers):
@@ -366,7 +366,7 @@ class FakeContext:
         """Replace the ports, and send every subscriber the event of it."""
         self.ports = {port.path: port for port in ports}
         self.say(Event("ports_changed", self.tick, self.tick * TICK_NS, "the test changed the ports"))
-        self.follow_wants()
+        self.subscriptions_changed()
 
 
 def sample_of(port: Port, seq: int = 0, t_ns: int = 0, valid: bool = True) -> Sample:

@@ -59,7 +59,7 @@ class Sensing(Part):
         self.casts_rays, self.callable = False, 0
         self._listening: list[SensorSlot] = []
         self._placed: dict[SensorSlot, None] = {}
-        self._wanted: Container[str] | None = None
+        self._subscriptions: Container[str] | None = None
         self._measured: Collection[str] | None = None
         self._decimations = EVERY_SAMPLE
         self._heard_by_parts: Collection[str] = ()
@@ -109,7 +109,7 @@ class Sensing(Part):
         self.under_way.sensors_changed(slots.values())
         self._sensor_arrays.gather({id(s.wiring): s.wiring for s in slots.values() if s.wiring is not None}.values())
 
-    def want(self, ports: Container[str] | None, decimations: Decimations = EVERY_SAMPLE) -> None:
+    def subscribe(self, ports: Container[str] | None, decimations: Decimations = EVERY_SAMPLE) -> None:
         """Make samples of these ports only; None for all ports. Samples of ports that parts of the world listen to are always made.
 
         Args:
@@ -118,7 +118,7 @@ class Sensing(Part):
                 for instance if samples are not delivered in the order of their times. It holds until sensors are added or removed, or the
                 time is set.
         """
-        self._wanted, self._decimations = ports, decimations
+        self._subscriptions, self._decimations = ports, decimations
         self._mark_streams()
 
     def forget_newest(self) -> None:
@@ -134,14 +134,14 @@ class Sensing(Part):
 
     def _mark_streams(self) -> None:
         """Mark in the rows of the streams which of them are read."""
-        rows, streams, wanted = self._sensor_arrays.streams.rows["wanted"], self._streams, self._wanted
+        rows, streams, subscriptions = self._sensor_arrays.streams.rows["use"], self._streams, self._subscriptions
         rows[:] = 0
-        if wanted is None:
+        if subscriptions is None:
             rows[list(streams)] = READ
             self._sensor_arrays.is_read = bool(streams)
             self._sensor_arrays.decimate({})
             return
-        read = {k for path, k in self.numbers.items() if path in wanted or path in self._heard_by_parts}
+        read = {k for path, k in self.numbers.items() if path in subscriptions or path in self._heard_by_parts}
         self._is_read, self._sensor_arrays.is_read = self._mask_of(read), bool(read)
         # Values that are no numbers wait in Python for their sample.
         rows[[k for k, stream in streams.items() if stream.columns.loose]] = KEPT
@@ -153,7 +153,7 @@ class Sensing(Part):
         self._sensor_arrays.decimate({k: some for k, some in known if k in read and streams[k].columns.is_small})
 
     def _is_needed(self, stream: int) -> bool:
-        return self._wanted is None or bool(self._is_read[stream])
+        return self._subscriptions is None or bool(self._is_read[stream])
 
     def _mask_of(self, streams: Collection[int]) -> Any:
         """Return for each number of a stream whether it is one of these."""

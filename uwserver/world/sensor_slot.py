@@ -89,7 +89,7 @@ class SensorSlot(Part):
         return self.active and self._fault != "silent"
 
     @property
-    def wants_exact(self) -> bool:
+    def needs_exact(self) -> bool:
         """Whether a stream needs the values that the device would read without errors."""
         return any(stream.ideal for stream in self.streams)
 
@@ -188,7 +188,7 @@ class SensorSlot(Part):
     @property
     def writes(self) -> bool:
         """Whether it can `write` its reading instead of being `read`."""
-        return self.sensor.writes and not self.wants_exact
+        return self.sensor.writes and not self.needs_exact
 
     @property
     def is_compiled(self) -> bool:
@@ -197,7 +197,7 @@ class SensorSlot(Part):
             return False
         if isinstance(self.sensor, CompiledSensor):
             return not self.is_wordy
-        if self.wants_exact:
+        if self.needs_exact:
             return False
         at_once = not self.latency_ns and not any(stream.operations for stream in self.streams)
         return self.sensor.writing is not None and at_once
@@ -231,7 +231,7 @@ class SensorSlot(Part):
         columns = self.streams[0].columns
         columns.pack(reading.values, rows.numbers(head["first"], columns.width))
         loose = exact_loose = self._loose_of(reading)
-        if self.wants_exact:
+        if self.needs_exact:
             exactly = reading if exact is None else exact
             head["exact_valid"] = exactly.valid
             columns.pack(exactly.values, rows.numbers(head["exact_first"], columns.width))

@@ -11,7 +11,7 @@ from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.team import MOST_THREADS, Team, can_sleep, why_alone
 
 AUTO: Literal["auto"] = "auto"
-Wanted = Literal["auto"] | int
+ThreadCount = Literal["auto"] | int
 
 LEAST_BODIES = 16
 """With fewer bodies no thread is started: the work would be done before another thread is awake."""
@@ -68,7 +68,7 @@ class Threads:
     def __init__(self, hydro: Hydrodynamics, block: int, now_ns: Callable[[], int] = perf_counter_ns) -> None:
         """Begin with one thread, in the world of these bodies. `block` is the number of ticks after which the work of the sensors repeats."""
         self._hydro, self._block, self._now_ns = hydro, block, now_ns
-        self._wanted: Wanted = 1
+        self._asked: ThreadCount = 1
         self._team: Team | None = None
         self._tried = 0
         self.trial: Trial | None = None
@@ -78,13 +78,13 @@ class Threads:
         """How many threads step the world now."""
         return self._team.size if self._team is not None and self._team.shares else 1
 
-    def want(self, wanted: Wanted) -> None:
+    def use(self, count: ThreadCount) -> None:
         """Step with this number of threads, from 1 to MOST_THREADS, or with two if that is faster (`AUTO`). It takes effect when bodies are
         added."""
-        if wanted != AUTO and not 1 <= wanted <= MOST_THREADS:
-            raise ValueError(f"a world has 1 to {MOST_THREADS} threads, not {wanted}")
+        if count != AUTO and not 1 <= count <= MOST_THREADS:
+            raise ValueError(f"a world has 1 to {MOST_THREADS} threads, not {count}")
         self.end()
-        self._team, self._wanted = None, wanted
+        self._team, self._asked = None, count
 
     def bodies_changed(self) -> None:
         """Start the threads that pay for this number of bodies. Called after bodies were added or removed, before their arrays are used."""
@@ -96,7 +96,7 @@ class Threads:
             self._team.begin()
         if hydro.team is not self._team.numbers:
             hydro.set_team(self._team.numbers, size)
-        if self._wanted != AUTO:
+        if self._asked != AUTO:
             self._team.shares = True
         elif self._tried != len(hydro):
             self._tried, self.trial = len(hydro), Trial(self._team, self._block, self._now_ns)
@@ -107,12 +107,12 @@ class Threads:
             self.trial = None
 
     def _size(self) -> int:
-        if self._wanted == AUTO:
+        if self._asked == AUTO:
             return 1 if why_alone() else 2
-        return self._wanted if can_sleep() else 1
+        return self._asked if can_sleep() else 1
 
     def end(self) -> None:
         """End the threads and wait for them. From then on one thread steps the world."""
-        self._wanted, self.trial = 1, None
+        self._asked, self.trial = 1, None
         if self._team is not None:
             self._team.end()

@@ -83,7 +83,7 @@ def needs_of(slots: Iterable[SensorSlot]) -> int:
             needs |= NEEDS_TEXTS
             continue
         has_kernel, repeats = isinstance(slot.sensor, CompiledSensor), is_repeated(slot)
-        needs |= NEEDS_EXACT * (has_kernel and slot.wants_exact)
+        needs |= NEEDS_EXACT * (has_kernel and slot.needs_exact)
         needs |= NEEDS_REPEATING * repeats
         in_python = not (has_kernel or repeats) or slot.is_wordy or any(stream.is_ready_made for stream in slot.streams)
         needs |= NEEDS_PYTHON * in_python

@@ -208,14 +208,14 @@ class World(InProcess):
         self.sensing.set_listeners(self.stepping.turns.ears, self._pilots.ports)
         self.sensing.schedule()
 
-    def want(self, ports: Container[str] | None, decimations: Decimations = EVERY_SAMPLE) -> None:
+    def subscribe(self, ports: Container[str] | None, decimations: Decimations = EVERY_SAMPLE) -> None:
         """Let `step` give samples of these ports only, so that the others cost next to nothing; None, as at first, for all. `decimations` is as
-        for `Sensing.want`.
+        for `Sensing.subscribe`.
 
         Samples for parts (`Part.hears`) are given too. All sensors measure and count as ever, and `read` returns the newest sample of any
         port.
         """
-        self.sensing.want(ports, decimations)
+        self.sensing.subscribe(ports, decimations)
 
     def watch(self, profile: Profile | None) -> None:
         """Let a profile measure each stage of a tick from the next tick on; None ends it. Called between two ticks."""

@@ -88,10 +88,10 @@ class ArduPilotAdapter(AdapterBase[ArduPilotConfig]):
         ports = context.ports
         vehicle, readings, (pose, velocity, imu) = named_readings(config, ports)
         distances = [
-            readings.want("rangefinders", name, [("range",), ("altitude",)], keeps=False)
+            readings.subscribe("rangefinders", name, [("range",), ("altitude",)], keeps=False)
             for name in config.rangefinders
         ]
-        battery = readings.want("battery", config.battery, [("voltage", "current")]) if config.battery else None
+        battery = readings.subscribe("battery", config.battery, [("voltage", "current")]) if config.battery else None
         rate_hz = context.world.rate_hz
         for reading in (pose, velocity):
             if reading.rate_hz != rate_hz:
@@ -106,7 +106,7 @@ class ArduPilotAdapter(AdapterBase[ArduPilotConfig]):
         movement = None
         if config.dvl is not None and link is not None:
             loop, send = asyncio.get_running_loop(), link.send
-            dvl = readings.want("dvl", config.dvl.port, [("v_S", "figure_of_merit")], keeps=False)
+            dvl = readings.subscribe("dvl", config.dvl.port, [("v_S", "figure_of_merit")], keeps=False)
             movement = Movement(config.dvl, dvl, imu, lambda data: _soon(loop, send, data))
 
         def see(t_ns: int, samples: Sequence[Sample]) -> None:
@@ -126,7 +126,7 @@ class ArduPilotAdapter(AdapterBase[ArduPilotConfig]):
             context.stats,
             context.tell_conflict,
         )
-        driver.wanted = readings.wanted
+        driver.subscriptions = readings.subscriptions
         return driver
 
 

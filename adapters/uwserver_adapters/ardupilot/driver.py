@@ -92,7 +92,7 @@ class ArduPilotDriver:
         tell_conflict: tells all clients of a second autopilot.
 
     Attributes:
-        wanted: ports that `see` reads; None for all.
+        subscriptions: ports that `see` reads; None for all.
     """
 
     def __init__(
@@ -121,7 +121,7 @@ class ArduPilotDriver:
         self._last_number = -1
         self._reply: bytes | None = None
         self._odd_frames = 0
-        self.wanted: Collection[str] | None = None
+        self.subscriptions: Collection[str] | None = None
 
     # -- uwserver.adapter.Driver ----------------------------------------------------------------------------------------------------
 

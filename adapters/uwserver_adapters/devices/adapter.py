@@ -27,7 +27,7 @@ class DevicesAdapter(AdapterBase[DevicesConfig]):
         self._readers: dict[str, list[DeviceServer]] = {}
 
     @property
-    def wanted(self) -> Collection[str]:
+    def subscriptions(self) -> Collection[str]:
         """Paths of the ports that the devices read."""
         return self._readers.keys()
 
@@ -60,7 +60,7 @@ class DevicesAdapter(AdapterBase[DevicesConfig]):
             except CannotServe as error:
                 raise CannotServe(f"device.{name}.{error}") from None
             server = self._servers[name] = DeviceServer(name, table, device, self.context, self.refusals)
-            for path in device.wanted:
+            for path in device.subscriptions:
                 self._readers.setdefault(path, []).append(server)
 
     def _address(self) -> str:

@@ -55,10 +55,10 @@ class Device(Protocol):
     """A device. All its peers share its state, as the peers of a real one do.
 
     Attributes:
-        wanted: paths of the ports that it reads.
+        subscriptions: paths of the ports that it reads.
     """
 
-    wanted: Collection[str]
+    subscriptions: Collection[str]
 
     def reader(self) -> Reader:
         """Return a reader for the bytes of a new peer."""

@@ -120,7 +120,7 @@ class InertialDevice:
     """An inertial unit: the sensors of its table, and messages with rates of their own.
 
     Attributes:
-        wanted: ports of the sensors.
+        subscriptions: ports of the sensors.
         newest: the newest readings; None before the first.
 
     Raises:
@@ -137,7 +137,7 @@ class InertialDevice:
         )
         self._gps = DeviceInput("gps", table.gps, ports, _FIX, _ACCURACIES) if table.gps else None
         sources = (self._imu, self._attitude, self._field, self._gps)
-        self.wanted: Collection[str] = {source.path for source in sources if source is not None}
+        self.subscriptions: Collection[str] = {source.path for source in sources if source is not None}
         self._periods: dict[int, int] = {}
         self.reset()
 

@@ -146,7 +146,7 @@ class Nmea0183:
     """The device: all sentences of a table.
 
     Attributes:
-        wanted: ports of its sensors.
+        subscriptions: ports of its sensors.
     """
 
     def __init__(self, table: Nmea0183Table, context: AdapterContext) -> None:
@@ -169,7 +169,7 @@ class Nmea0183:
                 raise CannotServe(f"sentences: {missing[0]} needs a sensor: give {role}")
         if not self._sources:
             raise CannotServe(f"gps: no sensor is named: give one of {', '.join(_ROLES)}")
-        self.wanted: Collection[str] = self._sources.keys()
+        self.subscriptions: Collection[str] = self._sources.keys()
 
     def reader(self) -> LineReader[bytes]:
         """Return a reader of lines."""

@@ -60,7 +60,7 @@ class Oculus:
     """The device.
 
     Attributes:
-        wanted: its ports.
+        subscriptions: its ports.
         fire: the last fire message. It holds for all peers.
     """
 
@@ -71,7 +71,7 @@ class Oculus:
         if picture.buffer is not UNSET and picture.buffer.dtype != "uint8":
             raise CannotServe(f'sonar: "{table.sonar}" gives {picture.buffer}: an Oculus needs output = "counts"')
         self._attitude = DeviceInput("attitude", table.attitude, context.ports, ("q_NS",)) if table.attitude else None
-        self.wanted: Collection[str] = {self._source.path} | ({self._attitude.path} if self._attitude else set())
+        self.subscriptions: Collection[str] = {self._source.path} | ({self._attitude.path} if self._attitude else set())
         service = context.services.get(f"{self._source.path}/set")
         self._arguments = {} if service is None else {argument.name: argument for argument in service.arguments}
         self._address = _ipv4(table.bind)

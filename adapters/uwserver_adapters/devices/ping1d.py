@@ -66,7 +66,7 @@ class Ping1D(ping.PingDevice):
     """The device.
 
     Attributes:
-        wanted: its port.
+        subscriptions: its port.
         settings: the present settings.
     """
 
@@ -80,7 +80,7 @@ class Ping1D(ping.PingDevice):
         super().__init__(1)
         self._context = context
         self._source = DeviceInput("sensor", table.sensor, context.ports, ("range", "confidence"))
-        self.wanted: Collection[str] = (self._source.path,)
+        self.subscriptions: Collection[str] = (self._source.path,)
         self.settings = Settings(ping_interval=round(1000.0 / self._source.rate_hz))
         self._number = self._distance = self._confidence = 0
         self._continuous: set[int] = set()

@@ -114,7 +114,7 @@ class Ping360(ping.PingDevice):
     """The device.
 
     Attributes:
-        wanted: its port.
+        subscriptions: its port.
         settings: the present settings.
     """
 
@@ -136,7 +136,7 @@ class Ping360(ping.PingDevice):
         if bins.type != "int":
             raise CannotServe(f'sensor: "{table.sensor}" gives pressures: a Ping360 needs output = "counts"')
         self._arguments = {argument.name: argument for argument in service.arguments}
-        self.wanted: Collection[str] = (self._source.path,)
+        self.subscriptions: Collection[str] = (self._source.path,)
         self.settings = Settings()
         self._scan: Scan | None = None
         self._awaited: _Awaited | None = None

@@ -74,7 +74,7 @@ class _BeaconSensors:
         self._depth = (
             DeviceInput(f"{role}depth", depth, ports, ("depth",), ("temperature", "pressure")) if depth else None
         )
-        self.wanted = {source.path for source in (self._attitude, self._depth) if source is not None}
+        self.subscriptions = {source.path for source in (self._attitude, self._depth) if source is not None}
         self.local = Local()
 
     def see(self, sample: Sample) -> None:
@@ -114,7 +114,7 @@ class SeaTrac:
     """The device.
 
     Attributes:
-        wanted: its ports.
+        subscriptions: its ports.
     """
 
     def __init__(self, table: SeaTracTable, context: AdapterContext) -> None:
@@ -126,10 +126,10 @@ class SeaTrac:
             for name, beacon in table.beacons.items()
         }
         self._modem = Datagrams(table.id, table.modem, context) if table.modem else None
-        self.wanted: Collection[str] = {self._usbl.path}.union(
-            self._own.wanted,
-            self._modem.wanted if self._modem else (),
-            *(other.wanted for other in self._others.values()),
+        self.subscriptions: Collection[str] = {self._usbl.path}.union(
+            self._own.subscriptions,
+            self._modem.subscriptions if self._modem else (),
+            *(other.subscriptions for other in self._others.values()),
         )
         self._there = (wire.ATTITUDE if table.attitude else 0) | (wire.ENVIRONMENT if table.depth else 0)
         self._content = self._there
@@ -223,7 +223,7 @@ class SeaTrac:
             other.see(sample)
         if sample.port == self._usbl.path:
             self._see_fix(sample)
-        if self._modem is not None and sample.port in self._modem.wanted:
+        if self._modem is not None and sample.port in self._modem.subscriptions:
             return self._modem.hear(sample, self._own.local)
         self._t_ns = max(self._t_ns, sample.t_ns)
         rate = wire.STATUS_HZ[self._mode]

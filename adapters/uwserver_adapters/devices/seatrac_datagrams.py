@@ -30,7 +30,7 @@ class Datagrams:
         context: of the adapter.
 
     Attributes:
-        wanted: path of the port where the modem receives.
+        subscriptions: path of the port where the modem receives.
 
     Raises:
         CannotServe: there is no such modem.
@@ -43,7 +43,7 @@ class Datagrams:
         self._port = f"{modem}/send"
         if self._port not in context.ports:
             raise CannotServe(f'modem: there is no port "{self._port}": name a modem, without /send')
-        self.wanted: Collection[str] = (self._heard.path,)
+        self.subscriptions: Collection[str] = (self._heard.path,)
 
     def send(self, payload: bytes, reply: Reply) -> str:
         """Carry out DAT_SEND: beacon, kind of message, length, data. The answer comes once the modem has taken or refused it."""

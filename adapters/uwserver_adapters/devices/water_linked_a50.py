@@ -67,7 +67,7 @@ class WaterLinkedA50:
     """The device.
 
     Attributes:
-        wanted: its ports.
+        subscriptions: its ports.
         configuration: the present configuration.
         reckoning: reckons its position.
     """
@@ -76,7 +76,7 @@ class WaterLinkedA50:
         self._context = context
         self._source = DeviceInput("sensor", table.sensor, context.ports, FIELDS)
         self._attitude = table.attitude and DeviceInput("attitude", table.attitude, context.ports, ("q_NS",))
-        self.wanted: Collection[str] = {source.path for source in (self._source, self._attitude) if source}
+        self.subscriptions: Collection[str] = {source.path for source in (self._source, self._attitude) if source}
         self.configuration = Configuration(speed_of_sound=table.speed_of_sound_mps)
         self.reckoning = DeadReckoning()
         self._reported_ns = -1

@@ -221,7 +221,7 @@ class FoxgloveAdapter(AdapterBase[FoxgloveConfig]):
     def follow(self) -> None:
         """Follow a change of the clients' subscriptions."""
         self._watched = frozenset(number for client in self.clients for number in client.subscriptions)
-        self.context.follow_wants()
+        self.context.subscriptions_changed()
         if self.clients and self._timer is None:
             self._turn()
         elif not self.clients and self._timer is not None:
@@ -268,7 +268,7 @@ class FoxgloveAdapter(AdapterBase[FoxgloveConfig]):
     # -- samples and events -----------------------------------------------------------------------------------------------------------
 
     @property
-    def wanted(self) -> Collection[str]:
+    def subscriptions(self) -> Collection[str]:
         """Ports to whose samples somebody subscribes."""
         known = self.catalogue.channels
         topics = (known[number].topic for number in self._watched if number in known)

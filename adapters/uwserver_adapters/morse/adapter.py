@@ -111,9 +111,9 @@ class MorseAdapter(AdapterBase[MorseConfig]):
     # -- uwserver.adapter.Subscriber ------------------------------------------------------------------------------------------------------
 
     @property
-    def wanted(self) -> Collection[str]:
+    def subscriptions(self) -> Collection[str]:
         """Paths of the ports that streams and autopilot need."""
-        return {*self.stage.wanted, *(self._autopilot.wanted if self._autopilot is not None else ())}
+        return {*self.stage.subscriptions, *(self._autopilot.subscriptions if self._autopilot is not None else ())}
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Send samples of a tick."""
@@ -125,4 +125,4 @@ class MorseAdapter(AdapterBase[MorseConfig]):
         """Follow vehicles that come and go, and a reset."""
         if event.event in ("ports_changed", "reset"):
             self.stage.refresh()
-            self.context.follow_wants()
+            self.context.subscriptions_changed()

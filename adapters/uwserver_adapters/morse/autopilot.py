@@ -100,7 +100,7 @@ class Autopilot:
         context: the world.
 
     Attributes:
-        wanted: paths of the ports that a line of sensors needs.
+        subscriptions: paths of the ports that a line of sensors needs.
 
     Raises:
         CannotServe: the table and the world do not fit.
@@ -115,11 +115,11 @@ class Autopilot:
         ports = context.ports
         self._vehicle = vehicle_of(table.vehicle, ports)
         readings = Readings(ports, self._vehicle)
-        self._pose = readings.want("ardupilot.pose", table.pose, [("p_NB", "q_NB")])
-        self._velocity = readings.want("ardupilot.velocity", table.velocity, [("v_NB_B",)])
-        self._imu = readings.want("ardupilot.imu", table.imu, [("w_S", "f_S")])
+        self._pose = readings.subscribe("ardupilot.pose", table.pose, [("p_NB", "q_NB")])
+        self._velocity = readings.subscribe("ardupilot.velocity", table.velocity, [("v_NB_B",)])
+        self._imu = readings.subscribe("ardupilot.imu", table.imu, [("w_S", "f_S")])
         self._readings = readings
-        self.wanted: Collection[str] = readings.wanted
+        self.subscriptions: Collection[str] = readings.subscriptions
         self._outputs = Outputs(table.outputs, ports, self._vehicle)
         self._scale = Scale(table.low_us, table.neutral_us, table.high_us)
         self._listeners: set[_Sensors] = set()

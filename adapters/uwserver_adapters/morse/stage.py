@@ -59,17 +59,17 @@ class Stage:
     def enter(self, name: str, tell: Tell) -> None:
         """A client listens to the stream of a component."""
         self._hearers.setdefault(name, []).append(tell)
-        self.context.follow_wants()
+        self.context.subscriptions_changed()
 
     def leave(self, name: str, tell: Tell) -> None:
         """A client that listened has gone."""
         self._hearers[name].remove(tell)
         if not self._hearers[name]:
             del self._hearers[name]
-        self.context.follow_wants()
+        self.context.subscriptions_changed()
 
     @property
-    def wanted(self) -> Collection[str]:
+    def subscriptions(self) -> Collection[str]:
         """Paths of the ports to whose streams clients listen."""
         heard = [self.components[name] for name in self._hearers if name in self.components]
         return {path for component in heard for path in self.sources(component)}

@@ -70,10 +70,10 @@ class Fanout:
         self.sessions.pop(session, None)
         for subscription in session.subscriptions.values():
             self._remove(session, subscription)
-        self.context.follow_wants()
+        self.context.subscriptions_changed()
 
     @property
-    def wanted(self) -> Collection[str]:
+    def subscriptions(self) -> Collection[str]:
         """Paths of the ports to which any client subscribes."""
         return self._ports.keys()
 
@@ -91,7 +91,7 @@ class Fanout:
     def add(self, session: Subscriber, subscription: Subscription) -> None:
         """Route the samples of a subscription to a client, and set the paths of the subscription."""
         self._add(session, subscription)
-        self.context.follow_wants()
+        self.context.subscriptions_changed()
 
     def _add(self, session: Subscriber, subscription: Subscription) -> None:
         self._together.forget()
@@ -114,7 +114,7 @@ class Fanout:
     def remove(self, session: Subscriber, subscription: Subscription) -> None:
         """End a subscription."""
         self._remove(session, subscription)
-        self.context.follow_wants()
+        self.context.subscriptions_changed()
 
     def _remove(self, session: Subscriber, subscription: Subscription) -> None:
         self._together.forget()
@@ -202,7 +202,7 @@ class Fanout:
         if self._ticks_to_update:
             self._ticks_to_update = max(0, self._ticks_to_update - ticks)
             if not self._ticks_to_update:
-                self.context.follow_wants()
+                self.context.subscriptions_changed()
 
     def send_samples(self) -> None:
         """Write the samples of some ticks, once for each client."""

@@ -56,7 +56,7 @@ class Server:
             clients = [client for client in self.peers if address in getattr(client, "opened_devices", ())]
             for path in device.ports if clients else ():
                 self._by_port.setdefault(path, []).append((device, clients))
-        self.context.follow_wants()
+        self.context.subscriptions_changed()
 
     def complain(self, text: str) -> None:
         """Log that a command was not taken, as Player does not answer commands."""
@@ -65,7 +65,7 @@ class Server:
     # -- uwserver.adapter.Subscriber ------------------------------------------------------------------------------------------------------
 
     @property
-    def wanted(self) -> Collection[str]:
+    def subscriptions(self) -> Collection[str]:
         """Paths of the ports of all devices that a client has opened."""
         return self._by_port.keys()
 

@@ -98,11 +98,11 @@ class Px4Adapter(AdapterBase[Px4Config]):
             imu,
             pose,
             velocity,
-            readings.want("magnetometer", config.magnetometer, [("field_S",)]) if config.magnetometer else None,
-            readings.want("depth", config.depth, [("depth", "temperature")]) if config.depth else None,
-            readings.want("gps", config.gps, [_GPS], keeps=False) if config.gps else None,
+            readings.subscribe("magnetometer", config.magnetometer, [("field_S",)]) if config.magnetometer else None,
+            readings.subscribe("depth", config.depth, [("depth", "temperature")]) if config.depth else None,
+            readings.subscribe("gps", config.gps, [_GPS], keeps=False) if config.gps else None,
             tuple(
-                (readings.want(f"distances.{name}", table.port, [("range",), ("altitude",)], keeps=False), (table.min_m, table.max_m))
+                (readings.subscribe(f"distances.{name}", table.port, [("range",), ("altitude",)], keeps=False), (table.min_m, table.max_m))
                 for name, table in config.distances.items()
             ),
         )  # fmt: skip

@@ -75,9 +75,9 @@ class Px4Driver:
             self._wait(again - now)
 
     @property
-    def wanted(self) -> Collection[str]:
+    def subscriptions(self) -> Collection[str]:
         """Ports that are read."""
-        return self._sensors.readings.wanted
+        return self._sensors.readings.subscriptions
 
     def see(self, t_ns: int, samples: Sequence[Sample]) -> None:
         """Keep the samples that will be sent."""

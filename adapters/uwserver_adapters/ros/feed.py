@@ -147,7 +147,7 @@ class Feed:
         catalogue: topics and services that exist now; there from `begin` on.
         topics: all topics that are published -> type.
         t_ns: newest simulation time that is known here, ns.
-        wanted: ports whose samples are needed.
+        subscriptions: ports whose samples are needed.
     """
 
     def __init__(
@@ -167,7 +167,7 @@ class Feed:
         self._latched: dict[str, OutgoingMessage] = {}
         self._by_port: Mapping[str, Sequence[SensorTopic]] = {}
         self._renewing: asyncio.Task[None] | None = None
-        self.wanted: Collection[str] = ()
+        self.subscriptions: Collection[str] = ()
         self.catalogue: Catalogue
 
     def begin(self) -> None:
@@ -268,8 +268,8 @@ class Feed:
                 fastest = max(sensors, key=lambda port: port.rate_hz or 0.0)
                 by_port.setdefault(fastest.path, [])
         self._by_port = by_port
-        self.wanted = by_port.keys()
-        self._context.follow_wants()
+        self.subscriptions = by_port.keys()
+        self._context.subscriptions_changed()
 
     # -- samples and events -----------------------------------------------------------------------------------------------------------------
 

@@ -137,9 +137,9 @@ class Hub:
     # -- the world ------------------------------------------------------------------------------------------------------------------------
 
     @property
-    def wanted(self) -> Collection[str]:
+    def subscriptions(self) -> Collection[str]:
         """Ports whose samples are needed."""
-        return self.feed.wanted
+        return self.feed.subscriptions
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Take the samples of one tick."""

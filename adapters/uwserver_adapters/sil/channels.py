@@ -96,9 +96,9 @@ def named_readings(
         raise CannotServe("position, velocity and attitude in this protocol are ground truth: set truth = true")
     vehicle = vehicle_of(table.vehicle, ports)
     readings = Readings(ports, vehicle)
-    pose = readings.want("pose", table.pose, [("p_NB", "q_NB")])
-    velocity = readings.want("velocity", table.velocity, [("v_NB_B", "w_NB_B")])
-    return vehicle, readings, (pose, velocity, readings.want("imu", table.imu, [("w_S", "f_S")]))
+    pose = readings.subscribe("pose", table.pose, [("p_NB", "q_NB")])
+    velocity = readings.subscribe("velocity", table.velocity, [("v_NB_B", "w_NB_B")])
+    return vehicle, readings, (pose, velocity, readings.subscribe("imu", table.imu, [("w_S", "f_S")]))
 
 
 class Output:

@@ -20,7 +20,7 @@ GRAVITY_MPS2 = 9.80665
 class NoSamples:
     """A `Subscriber` that takes nothing, for an adapter whose driver sees the samples on the simulation thread."""
 
-    wanted: Collection[str] = ()
+    subscriptions: Collection[str] = ()
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Ignore the samples."""

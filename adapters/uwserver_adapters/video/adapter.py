@@ -42,13 +42,13 @@ class VideoAdapter(AdapterBase[VideoConfig]):
         super().__init__(config, context)
         self._streams: dict[str, Stream] = {}
         self._by_port: dict[str, list[Stream]] = {}
-        self._wanted: frozenset[str] = frozenset()
+        self._subscriptions: frozenset[str] = frozenset()
         self._closing: set[asyncio.Task[None]] = set()
 
     @property
-    def wanted(self) -> Collection[str]:
+    def subscriptions(self) -> Collection[str]:
         """Ports whose pictures are taken."""
-        return self._wanted
+        return self._subscriptions
 
     async def run(self, ready: asyncio.Event) -> None:
         """Serve until cancelled.
@@ -115,7 +115,7 @@ class VideoAdapter(AdapterBase[VideoConfig]):
     def _add(self, name: str, table: StreamTable, port: Port) -> None:
         place = picture_place(port)
         assert place is not None
-        stream = Stream(name, table, port, place, self.context, self.refusals, self._follow_wants)
+        stream = Stream(name, table, port, place, self.context, self.refusals, self._follow_subscriptions)
         self._streams[name] = stream
         self._by_port.setdefault(port.path, []).append(stream)
 
@@ -125,11 +125,11 @@ class VideoAdapter(AdapterBase[VideoConfig]):
         task = asyncio.get_running_loop().create_task(stream.close())
         self._closing.add(task)
         task.add_done_callback(self._closing.discard)
-        self._follow_wants()
+        self._follow_subscriptions()
 
-    def _follow_wants(self) -> None:
-        self._wanted = frozenset(path for path, streams in self._by_port.items() if any(s.is_wanted for s in streams))
-        self.context.follow_wants()
+    def _follow_subscriptions(self) -> None:
+        self._subscriptions = frozenset(path for path, streams in self._by_port.items() if any(s.is_wanted for s in streams))
+        self.context.subscriptions_changed()
 
     async def _end(self) -> None:
         for stream in self._streams.values():

@@ -117,9 +117,9 @@ class WebAdapter(AdapterBase[WebConfig]):
     # -- samples and events ---------------------------------------------------------------------------------------------------------
 
     @property
-    def wanted(self) -> Collection[str]:
+    def subscriptions(self) -> Collection[str]:
         """Ports that pages read."""
-        return () if self._front is None else self._front.pages.wanted
+        return () if self._front is None else self._front.pages.subscriptions
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Pass the samples of a tick to the pages."""

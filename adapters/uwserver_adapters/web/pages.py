@@ -79,7 +79,7 @@ class Pages:
         """Remove a page."""
         self.all.pop(page, None)
         self.pictures.leave(page)
-        self._context.follow_wants()
+        self._context.subscriptions_changed()
         self.follow()
         if not self.all and self._status_timer is not None:
             self._status_timer.cancel()
@@ -170,9 +170,9 @@ class Pages:
     # -- samples and events ---------------------------------------------------------------------------------------------------------
 
     @property
-    def wanted(self) -> frozenset[str]:
+    def subscriptions(self) -> frozenset[str]:
         """Ports that pages subscribe to, or whose pictures they show."""
-        return frozenset(self._fanout.wanted) | self.pictures.wanted
+        return frozenset(self._fanout.subscriptions) | self.pictures.subscriptions
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Send samples to subscribed pages, and pictures to the pages that show them."""
@@ -183,7 +183,7 @@ class Pages:
     @property
     def decimations(self) -> Decimations:
         """Ports of which no page needs all samples. All pictures are needed, because each may be the one that is shown."""
-        seen = self.pictures.wanted
+        seen = self.pictures.subscriptions
         return {path: enough for path, enough in self._fanout.decimations.items() if path not in seen}
 
     def send_samples(self) -> None:

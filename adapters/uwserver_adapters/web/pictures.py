@@ -43,16 +43,16 @@ class Pictures:
     def __init__(self, context: AdapterContext) -> None:
         self._context = context
         self._numbers: dict[str, int] = {}
-        self._wanted: dict[str, dict[Viewer, None]] = {}
+        self._subscriptions: dict[str, dict[Viewer, None]] = {}
         self._unseen: set[tuple[Viewer, int]] = set()
         self._loop = asyncio.get_running_loop()
         self._worker = Worker("web pictures", context.stats)
         self._in_work: set[str] = set()
 
     @property
-    def wanted(self) -> frozenset[str]:
+    def subscriptions(self) -> frozenset[str]:
         """Ports that somebody shows."""
-        return frozenset(self._wanted)
+        return frozenset(self._subscriptions)
 
     def show(self, viewer: Viewer, ports: Sequence[str]) -> dict[str, int]:
         """Send a viewer the pictures of these ports, and of no others, from now on.
@@ -75,8 +75,8 @@ class Pictures:
                 raise Refused("bad_argument", f'"{path}" has no pictures: subscribe to its samples', "pictures")
         self.leave(viewer)
         for path in ports:
-            self._wanted.setdefault(path, {})[viewer] = None
-        self._context.follow_wants()
+            self._subscriptions.setdefault(path, {})[viewer] = None
+        self._context.subscriptions_changed()
         return {path: self._numbers.setdefault(path, len(self._numbers) % _SIDE_LIMIT) for path in ports}
 
     def seen(self, viewer: Viewer, numbers: Sequence[int]) -> None:
@@ -85,10 +85,10 @@ class Pictures:
 
     def leave(self, viewer: Viewer) -> None:
         """Send a viewer no pictures any more."""
-        for path in [path for path, viewers in self._wanted.items() if viewer in viewers]:
-            del self._wanted[path][viewer]
-            if not self._wanted[path]:
-                del self._wanted[path]
+        for path in [path for path, viewers in self._subscriptions.items() if viewer in viewers]:
+            del self._subscriptions[path][viewer]
+            if not self._subscriptions[path]:
+                del self._subscriptions[path]
         self._unseen = {(who, number) for who, number in self._unseen if who is not viewer}
 
     def forget(self) -> None:
@@ -97,7 +97,7 @@ class Pictures:
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Send pictures to the viewers that can take them."""
-        if not self._wanted:
+        if not self._subscriptions:
             return
         for sample in samples:
             port = self._context.ports.get(sample.port)
@@ -111,7 +111,7 @@ class Pictures:
 
     def _takers(self, path: str) -> list[Viewer]:
         """Return the viewers that have confirmed the last picture of a port, and can take the next."""
-        viewers = self._wanted.get(path, ())
+        viewers = self._subscriptions.get(path, ())
         return [v for v in viewers if (v, self._numbers[path]) not in self._unseen and v.is_clear]
 
     def _send(self, path: str, number: int, frame: bytes | None) -> None:

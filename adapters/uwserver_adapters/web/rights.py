@@ -245,8 +245,8 @@ class Rights:
     def attach(self, subscriber: Subscriber) -> Callable[[], None]:
         return self._context.attach(subscriber)
 
-    def follow_wants(self) -> None:
-        self._context.follow_wants()
+    def subscriptions_changed(self) -> None:
+        self._context.subscriptions_changed()
 
     def tell_conflict(self, text: str) -> None:
         self._context.tell_conflict(text)

@@ -189,7 +189,7 @@ class YarpAdapter(AdapterBase[YarpConfig]):
 
     # -- uwserver.adapter.Subscriber ------------------------------------------------------------------------------------------------------
 
-    wanted: Collection[str] = ()
+    subscriptions: Collection[str] = ()
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Send the samples of one tick, and the time."""
@@ -233,13 +233,13 @@ class YarpAdapter(AdapterBase[YarpConfig]):
         for each in self.ports.values():
             if each.readers and each.port is not None:
                 self._heard.setdefault(each.port.path, []).append(each)
-        wanted = set(self._heard)
+        subscriptions = set(self._heard)
         sensors = [port for port in self.context.ports.values() if port.direction == "sensor"]
         if sensors and next(iter(self.ports.values())).readers:
-            wanted.add(max(sensors, key=lambda port: port.rate_hz or 0.0).path)
-        self.wanted = wanted
+            subscriptions.add(max(sensors, key=lambda port: port.rate_hz or 0.0).path)
+        self.subscriptions = subscriptions
         self._followed = {each.name for each in self.ports.values() if each.readers}
-        self.context.follow_wants()
+        self.context.subscriptions_changed()
 
     def connect(self, at: YarpPort, target: str, answered: Answered) -> None:
         """See `Network`."""

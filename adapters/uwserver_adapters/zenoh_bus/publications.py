@@ -90,7 +90,7 @@ class Publications:
         sender: a thread for what may block.
 
     Attributes:
-        wanted: ports to which somebody subscribes.
+        subscriptions: ports to which somebody subscribes.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class Publications:
         self._vehicles: dict[str, LivelinessToken] = {}
         self._loop = asyncio.get_running_loop()
         self._is_following = False
-        self.wanted: frozenset[str] = frozenset()
+        self.subscriptions: frozenset[str] = frozenset()
 
     def open(self) -> None:
         """Declare publishers and tokens of all ports that exist now, and take back those of ports that have gone."""
@@ -143,10 +143,10 @@ class Publications:
     def _follow(self) -> None:
         self._is_following = False  # before it asks, so that a change during it is followed again
         outlets = (*self._outlets.items(), *self._jpegs.items())
-        wanted = frozenset(path for path, outlet in outlets if outlet.is_heard)
-        if wanted != self.wanted:
-            self.wanted = wanted
-            self._context.follow_wants()
+        subscriptions = frozenset(path for path, outlet in outlets if outlet.is_heard)
+        if subscriptions != self.subscriptions:
+            self.subscriptions = subscriptions
+            self._context.subscriptions_changed()
 
     def _outlet(self, port: Port, key: str, media: str, token: LivelinessToken | None) -> _Outlet:
         publisher = None

@@ -29,14 +29,14 @@ F, W = (0.0, 0.0, -9.8), (0.1, 0.2, 0.3)
 
 def test_fields_come_in_the_order_asked_with_the_time_at_which_they_were_true():
     of = readings()
-    reading = of.want("imu", "imu", [("w_S", "f_S")])
+    reading = of.subscribe("imu", "imu", [("w_S", "f_S")])
     assert (reading.path, reading.rate_hz, reading.values, reading.count) == ("rov/imu", IMU.rate_hz, None, 0)
     of.see([imu(100, F, W), Sample("rov/depth", 0, 1, 1, True, (5.0,)), Sample("nobody/knows", 0, 1, 1, True, (5.0,))])
     assert (reading.values, reading.t_ns, reading.count) == ((W, F), 100, 1)
 
 
 def test_the_first_choice_that_the_port_has_is_read():
-    reading = readings().want("distance", "rov/altimeter", [("range",), ("altitude",)])
+    reading = readings().subscribe("distance", "rov/altimeter", [("range",), ("altitude",)])
     reading.take(Sample("rov/altimeter", 0, 5, 5, True, (3.5, "x")))
     assert reading.values == (3.5,)
 
@@ -54,7 +54,7 @@ def test_the_first_choice_that_the_port_has_is_read():
 )
 @pytest.mark.parametrize("keeps", [True, False])
 def test_a_bad_sample_is_no_reading(bad: Sample, keeps: bool):
-    reading = readings().want("imu", "imu", [("f_S", "w_S")], keeps)
+    reading = readings().subscribe("imu", "imu", [("f_S", "w_S")], keeps)
     reading.take(imu(100, F, W))
     reading.take(bad)
     assert reading.values == ((F, W) if keeps else None)
@@ -64,14 +64,14 @@ def test_a_bad_sample_is_no_reading(bad: Sample, keeps: bool):
 
 
 def test_a_text_is_no_number():
-    reading = readings().want("name", "altimeter", [("name",)])
+    reading = readings().subscribe("name", "altimeter", [("name",)])
     reading.take(Sample("rov/altimeter", 0, 5, 5, True, (3.5, "x")))
     assert reading.values is None
 
 
 def test_two_readings_of_one_port_are_each_served():
     of = readings()
-    first, second = of.want("a", "depth", [("depth",)]), of.want("b", DEPTH.path, [("depth",)])
+    first, second = of.subscribe("a", "depth", [("depth",)]), of.subscribe("b", DEPTH.path, [("depth",)])
     of.see([Sample("rov/depth", 0, 1, 1, True, (5.0,))])
     assert first.values == second.values == (5.0,)
 
@@ -86,6 +86,6 @@ def test_two_readings_of_one_port_are_each_served():
 )  # fmt: skip
 def test_what_cannot_be_read_is_refused(name: str, choices: list[tuple[str, ...]], told: str):
     with pytest.raises(CannotServe) as refused:
-        readings().want("pose", name, choices)
+        readings().subscribe("pose", name, choices)
     assert told in str(refused.value)
     assert str(refused.value).startswith("pose")

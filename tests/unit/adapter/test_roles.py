@@ -79,8 +79,8 @@ def replace_kind(port: Port, kind: str) -> Port:
 
 def test_readings_keep_the_last_good_values_or_forget_them():
     readings = Readings(BY_PATH, "rov")
-    kept = readings.want("imu", "imu", [("nothing",), ("w_S", "temperature")])
-    forgotten = readings.want("depth", "rov/depth", [("depth",)], keeps=False)
+    kept = readings.subscribe("imu", "imu", [("nothing",), ("w_S", "temperature")])
+    forgotten = readings.subscribe("depth", "rov/depth", [("depth",)], keeps=False)
     assert (kept.path, kept.rate_hz, kept.values, kept.count) == ("rov/imu", 125.0, None, 0)
     readings.see([sample_of(IMU, 0, 7), sample_of(DEPTH, 0, 8), Sample("who/knows", 0, 0, 0, True, (1.0,))])
     assert kept.values == ((100.0, 101.0, 102.0), 200.0)
@@ -99,11 +99,11 @@ def test_readings_keep_the_last_good_values_or_forget_them():
 def test_readings_say_what_is_missing():
     readings = Readings(BY_PATH, "rov")
     with pytest.raises(CannotServe, match='gps: no sensor "rov/gps"'):
-        readings.want("gps", "gps", [("latitude",)])
+        readings.subscribe("gps", "gps", [("latitude",)])
     with pytest.raises(
         CannotServe, match='imu: "rov/imu" has the fields f_S, temperature, w_S; needed is a and b or c'
     ):
-        readings.want("imu", "imu", [("a", "b"), ("c",)])
+        readings.subscribe("imu", "imu", [("a", "b"), ("c",)])
 
 
 @pytest.mark.parametrize(

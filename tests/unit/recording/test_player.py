@@ -54,8 +54,8 @@ def test_real_time_is_kept(run: tuple[Path, Dive]) -> None:
 
 def test_who_wants_one_port_gets_one_and_reads_the_others(run: tuple[Path, Dive]) -> None:
     deck = Deck(run[0])
-    deck.wanted = ["rov/depth"]  # type: ignore[attr-defined]
-    deck.bus.follow_wants()
+    deck.subscriptions = ["rov/depth"]  # type: ignore[attr-defined]
+    deck.bus.subscriptions_changed()
     deck.play()
     assert deck.samples == [s for s in run[1].samples[0] if s.port == "rov/depth"]
     found: list[Sample] = []
@@ -89,18 +89,18 @@ class Listener:
     """Who comes later."""
 
     def __init__(self, *ports: str) -> None:
-        self.wanted, self.samples = list(ports), list[Sample]()
+        self.subscriptions, self.samples = list(ports), list[Sample]()
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
-        self.samples += [sample for sample in samples if sample.port in self.wanted]
+        self.samples += [sample for sample in samples if sample.port in self.subscriptions]
 
     def put_event(self, event: object) -> None: ...
 
 
 def test_who_comes_while_it_stands_gets_the_last_of_each_port_at_once(run: tuple[Path, Dive]) -> None:
     deck = Deck(run[0])
-    deck.wanted = ["rov/depth"]  # type: ignore[attr-defined]
-    deck.bus.follow_wants()
+    deck.subscriptions = ["rov/depth"]  # type: ignore[attr-defined]
+    deck.bus.subscriptions_changed()
     assert deck.call("playback/pause").fault is None
     assert deck.call("playback/seek", t_s=1.0).fault is None
     before = {s.port: s for s in run[1].samples[0] if s.t_sent_ns <= 1_000_000_000}
@@ -140,8 +140,8 @@ def test_what_cannot_be_is_refused(deck: Deck, service: str, args: dict[str, Any
 def test_readers_hear_that_time_was_set(run: tuple[Path, Dive]) -> None:
     """So that what was enough for them of other samples does not thin those that follow."""
     deck = Deck(run[0])
-    deck.wanted = ["rov/depth"]  # type: ignore[attr-defined]
-    deck.bus.follow_wants()
+    deck.subscriptions = ["rov/depth"]  # type: ignore[attr-defined]
+    deck.bus.subscriptions_changed()
     deck.turn(20)
     deck.call("playback/seek", t_s=1.0)
     assert deck.bus._jumps == 1

@@ -115,7 +115,7 @@ def test_samples_that_are_encoded_in_one_go_are_those_that_are_encoded_one_by_on
     (tmp_path / "dive.toml").write_text(SENSORS)
     resolved = load(str(tmp_path / "dive.toml"), adapters=installed_adapters())
     world = build(resolved)
-    world.want(None)
+    world.subscribe(None)
     one, other = (Recorder(tmp_path / f"{name}.mcap", world, resolved) for name in ("one", "other"))
     rows = 0
     with one.stepped(Timing("freerun")), other.stepped(Timing("freerun")):

@@ -118,27 +118,27 @@ def test_ground_truth_is_only_for_who_may_tell_it(still: Rig) -> None:
 
 
 def test_ground_truth_is_not_even_made_for_who_may_not_tell_it(still: Rig) -> None:
-    still.wanted = ()
+    still.subscriptions = ()
     context, other = Context(hub_of(still), "robot", False), Context(hub_of(still), "tool", True)
     heard = Heard()
     leave = context.attach(heard)  # it does not say what it wants, so it wants all that it may see
-    wanted = [path in still.bus.wanted for path in still.world.ports if "/truth/" not in path]
+    wanted = [path in still.bus.subscriptions for path in still.world.ports if "/truth/" not in path]
     truth = [path for path in still.world.ports if "/truth/" in path]
     assert all(wanted)
     assert truth
-    assert not any(path in still.bus.wanted for path in truth)
-    heard.wanted = ("rov/imu", truth[0])
-    context.follow_wants()
-    assert [path for path in still.world.ports if path in still.bus.wanted] == ["rov/imu"]
+    assert not any(path in still.bus.subscriptions for path in truth)
+    heard.subscriptions = ("rov/imu", truth[0])
+    context.subscriptions_changed()
+    assert [path for path in still.world.ports if path in still.bus.subscriptions] == ["rov/imu"]
     leave()
     other.attach(heard)
-    assert {path for path in still.world.ports if path in still.bus.wanted} == set(heard.wanted)
+    assert {path for path in still.world.ports if path in still.bus.subscriptions} == set(heard.subscriptions)
 
 
 def test_what_nobody_reads_can_be_asked_for_and_no_truth_of_who_may_not_tell_it(still: Rig) -> None:
-    still.wanted = ()
+    still.subscriptions = ()
     hub = hub_of(still)
-    still.bus.follow_wants()
+    still.bus.subscriptions_changed()
     still.call("world/step", n=48)
     told: queue.Queue[list[Sample]] = queue.Queue()
     for truth, ports in ((False, {"rov/depth"}), (True, {"rov/depth", "rov/truth/pose"})):
@@ -152,22 +152,22 @@ def test_what_nobody_reads_can_be_asked_for_and_no_truth_of_who_may_not_tell_it(
 
 def test_a_driver_is_heard_from_its_first_tick_until_it_leaves(resolved: Resolved) -> None:
     class Mute:
-        wanted = ("rov/depth", "rov/truth/pose")
+        subscriptions = ("rov/depth", "rov/truth/pose")
 
         def order(self, wait_s: float) -> None: ...
 
         answer = refuse = order
 
     with running(resolved, Timing(mode="lockstep", lockstep_clients=("fcu",))) as rig:
-        rig.wanted = ()
+        rig.subscriptions = ()
         context = Context(hub_of(rig), "fcu", False)
         end = context.drive("fcu", Mute(), lambda reply: None)
-        assert "rov/depth" in rig.bus.wanted
-        assert "rov/truth/pose" not in rig.bus.wanted
+        assert "rov/depth" in rig.bus.subscriptions
+        assert "rov/truth/pose" not in rig.bus.subscriptions
         with pytest.raises(Refused):
             context.drive("fcu", Mute(), lambda reply: None)
         end()
-        assert "rov/depth" not in rig.bus.wanted
+        assert "rov/depth" not in rig.bus.subscriptions
 
 
 def test_ports_are_those_of_the_samples_that_come(still: Rig) -> None:

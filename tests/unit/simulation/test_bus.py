@@ -101,14 +101,14 @@ def test_what_waits_goes_with_the_next_tick_that_may_wake_also_an_empty_one():
 class Wanting(Notes):
     def __init__(self, *paths: str) -> None:
         super().__init__()
-        self.wanted = paths
+        self.subscriptions = paths
 
 
 PORTS = {path: Port(path, "sensor", "x", (Field("x", "1", "x"),), "x", 10.0) for path in ("a", "b", "c")}
 
 
 def made(bus: Bus) -> str:
-    return "".join(path for path in PORTS if bus.wanted is None or path in bus.wanted)
+    return "".join(path for path in PORTS if bus.subscriptions is None or path in bus.subscriptions)
 
 
 def test_what_is_wanted_is_what_all_readers_want_together():
@@ -118,9 +118,9 @@ def test_what_is_wanted_is_what_all_readers_want_together():
     one, two = Wanting("a"), Wanting("a", "b")
     leave_one, leave_two = bus.attach(one), bus.attach(two)
     assert made(bus) == "ab"
-    two.wanted = ("c",)
+    two.subscriptions = ("c",)
     assert made(bus) == "ab"
-    bus.follow_wants()
+    bus.subscriptions_changed()
     assert made(bus) == "ac"
     leave_all = bus.attach(Notes())
     assert made(bus) == "abc"
@@ -136,12 +136,12 @@ def test_a_second_reader_of_the_same_gives_the_world_nothing_to_do():
     bus = Bus(lambda _: None, MockTime())
     bus.expect(PORTS)
     bus.attach(Wanting("a"))
-    wanted = bus.wanted
+    subscriptions = bus.subscriptions
     leave = bus.attach(Wanting("a"))
     leave()
-    assert bus.wanted is wanted
+    assert bus.subscriptions is subscriptions
     bus.expect(dict(PORTS))
-    assert bus.wanted is not wanted
+    assert bus.subscriptions is not subscriptions
 
 
 def test_what_readers_have_not_heard_of_is_wanted_until_they_have():
@@ -167,8 +167,8 @@ def test_what_was_not_wanted_meanwhile_is_not_the_newest():
     bus.drain()
     assert sorted(bus.last) == ["a", "b"]
     for wanted in (("a",), ("a", "b")):
-        reader.wanted = wanted
-        bus.follow_wants()
+        reader.subscriptions = wanted
+        bus.subscriptions_changed()
         assert sorted(bus.last) == ["a"]
         if wanted == ("a",):
             bus.publish(TickOutput(2, 2, both, ports=PORTS))  # it was under way
@@ -178,7 +178,7 @@ def test_what_was_not_wanted_meanwhile_is_not_the_newest():
 def test_a_reader_that_cannot_say_what_it_wants_harms_no_other(caplog: pytest.LogCaptureFixture):
     class Confused(Notes):
         @property
-        def wanted(self):
+        def subscriptions(self):
             raise ValueError("confused")
 
     bus, notes = Bus(lambda _: None, MockTime()), Wanting("a")
@@ -389,7 +389,7 @@ def test_the_newest_of_a_decimated_port_is_not_kept_for_who_wants_all():
     bus.publish(tick(1))
     wakes.pop()()
     bus.attach(Wanting("rov/imu"))
-    assert bus.wanted.decimations == {}
+    assert bus.subscriptions.decimations == {}
     assert bus.last == {}
     bus.publish(tick(2))
     wakes.pop()()
@@ -533,7 +533,7 @@ def test_a_tick_that_gives_more_is_by_itself(what: str):
 def test_who_wants_nothing_is_told_of_events_alone_and_another_is_alone():
     bus = Bus(lambda dispatch: None, MockTime())
     rows, idle = Rows(), Notes()
-    idle.wanted = set()
+    idle.subscriptions = set()
     bus.attach(rows)
     bus.attach(idle)
     first, second, third = rows_of_ticks(3)
@@ -541,13 +541,13 @@ def test_who_wants_nothing_is_told_of_events_alone_and_another_is_alone():
     bus.dispatch()
     assert rows.seen == ["paused", (1, [7])]
     assert idle.seen == ["paused"]
-    idle.wanted.add("rov/imu")
-    bus.follow_wants()
+    idle.subscriptions.add("rov/imu")
+    bus.subscriptions_changed()
     bus.publish(second)
     bus.dispatch()
     assert (rows.seen[2:], idle.seen[1:]) == ([(1, [2])], [[2]])
-    idle.wanted.clear()
-    bus.follow_wants()
+    idle.subscriptions.clear()
+    bus.subscriptions_changed()
     bus.publish(third)
     bus.dispatch()
     assert (rows.seen[3:], idle.seen[2:]) == ([(1, [8])], [])

@@ -27,13 +27,13 @@ class Reader:
     """A sink that says what it wants."""
 
     def __init__(self, *paths: str) -> None:
-        self.wanted: Collection[str] | None = paths
+        self.subscriptions: Collection[str] | None = paths
         self.samples: list[Sample] = []
         self.events: list[str] = []
         self.seen: list[str] = []
 
     def put_samples(self, samples: list[Sample]) -> None:
-        self.samples += [sample for sample in samples if self.wanted is None or sample.port in self.wanted]
+        self.samples += [sample for sample in samples if self.subscriptions is None or sample.port in self.subscriptions]
         self.seen += [sample.port for sample in samples]
 
     def put_event(self, event) -> None:
@@ -45,8 +45,8 @@ class Reader:
 def still(resolved: Resolved, made: list[str]) -> Iterator[Rig]:
     """A paused world which the rig itself does not read."""
     with running(resolved, Timing(paused=True)) as rig:
-        rig.wanted = ()
-        rig.bus.follow_wants()
+        rig.subscriptions = ()
+        rig.bus.subscriptions_changed()
         yield rig
 
 
@@ -99,8 +99,8 @@ def test_a_step_that_is_asked_for_after_a_want_gives_its_samples(still: Rig):
     reader = Reader()
     still.bus.attach(reader)
     for path in ("rov/depth", "rov/imu", "rov/depth"):
-        reader.wanted = (path,)
-        still.bus.follow_wants()
+        reader.subscriptions = (path,)
+        still.bus.subscriptions_changed()
         reader.samples.clear()
         step(still)
         assert {s.port for s in reader.samples} == {path}
@@ -123,7 +123,7 @@ def test_two_readers_and_one_of_them_leaves(still: Rig, made: list[str]):
 
 def test_who_does_not_say_what_it_wants_gets_all(still: Rig, resolved: Resolved, made: list[str]):
     reader = Reader()
-    reader.wanted = None
+    reader.subscriptions = None
     leave = still.bus.attach(reader)
     step(still)
     assert len(made) == len(reader.samples)
@@ -144,15 +144,15 @@ class Later(Reader):
     def put_event(self, event) -> None:
         super().put_event(event)
         if event.event == "ports_changed":
-            self.wanted = {self.path} & self.bus.ports.keys()
+            self.subscriptions = {self.path} & self.bus.ports.keys()
 
 
 def test_nothing_is_lost_of_a_vehicle_that_comes_later(resolved: Resolved, made: list[str]):
     """Its first samples are made although nobody could name them before anybody has heard of it; then those that are named."""
     gate = threading.Event()
     with running(resolved) as rig:
-        rig.wanted = ()
-        rig.bus.follow_wants()
+        rig.subscriptions = ()
+        rig.bus.subscriptions_changed()
         reader = Later(rig.bus, "new/imu")
         rig.bus.attach(reader)
         rig.bus._wake_loop(lambda: gate.wait(PATIENCE_S))  # the loop is slow: the world goes on meanwhile
@@ -219,8 +219,8 @@ def test_who_still_waits_for_a_reading_at_the_end_gets_it(resolved: Resolved):
     assert [[sample.port for sample in samples] for samples in told] == [["rov/imu", "rov/depth"]]
 
 
-def test_a_driver_is_no_sink_and_is_heeded(still: Rig, made: list[str]):
-    forget = still.bus.heed(Reader("rov/depth"))
+def test_a_driver_is_no_sink_and_is_a_reader(still: Rig, made: list[str]):
+    forget = still.bus.add_reader(Reader("rov/depth"))
     step(still)
     assert set(made) == {"rov/depth"}
     forget()

@@ -44,11 +44,11 @@ def test_whatever_is_on_its_way_comes_in_the_order_of_its_time_and_then_of_its_s
 
 def test_what_is_heard_alone_is_delivered_and_not_read() -> None:
     rig = Rig(*(slot_of(path=path, latency_ns=-3) for path in "abc"))
-    rig.sensing.want(("c",))
+    rig.sensing.subscribe(("c",))
     rig.sensing.set_listeners((), ("b",))
     assert [s.port for s in rig.samples(1)] == ["c"]
     a, b, c = (rig.sensing.numbers[path] for path in "abc")
-    assert rig.sensor_arrays.streams.rows["wanted"][[a, b, c]].tolist() == [0, HEARD, READ]
+    assert rig.sensor_arrays.streams.rows["use"][[a, b, c]].tolist() == [0, HEARD, READ]
     assert rig.sensor_arrays._delivered["stream"][:2].tolist() == [b, c]
     assert rig.sensor_arrays._delivered_values[:2, 0].tolist() == [1.0, 1.0]
     assert rig.sensor_arrays.logged == 1
@@ -85,7 +85,7 @@ def test_compiled_code_counts_intervals_as_who_reads_does(rate_hz: float) -> Non
     decimation = Decimation(rate_hz, start)
     rig = Rig(slot_of(path="a", latency_ns=-3), rate_hz=Fraction(10**9))
     (k,) = rig.slots["a"].stream_numbers
-    rig.sensing.want(("a",), {"a": (decimation,)})
+    rig.sensing.subscribe(("a",), {"a": (decimation,)})
     newest, expected, taken = -(2**62), [], []
     for t_ns in times.tolist():
         if decimation.interval(t_ns) > newest:
@@ -99,7 +99,7 @@ def test_compiled_code_counts_intervals_as_who_reads_does(rate_hz: float) -> Non
 
 def test_one_sample_for_all_whose_intervals_begin_with_it() -> None:
     rig = Rig(slot_of(path="a", latency_ns=-3), slot_of(path="b", latency_ns=-3))
-    rig.sensing.want(("a", "b"), {"a": (Decimation(1e7, 10), Decimation(2.5e7, 10))})
+    rig.sensing.subscribe(("a", "b"), {"a": (Decimation(1e7, 10), Decimation(2.5e7, 10))})
     told = [(s.port, s.t_ns) for n in range(1, 22) for s in rig.samples(n)]
     assert [t for port, t in told if port == "a"] == [10, 50, 90, 110, 130, 170, 210]
     assert len([t for port, t in told if port == "b"]) == 21
@@ -110,7 +110,7 @@ def test_all_are_chosen_of_a_stream_whose_order_is_not_that_of_time() -> None:
 
     def told(decimations: Decimations) -> list[int]:
         rig = Rig(slot_of(Reorder(probability=0.1, behind=2).build(stream()), path="a"))
-        rig.sensing.want(("a",), decimations)
+        rig.sensing.subscribe(("a",), decimations)
         return [sample.t_ns for n in range(1, 300) for sample in rig.samples(n)]
 
     times = told({})
@@ -123,11 +123,11 @@ def test_what_is_enough_holds_until_the_time_is_set_or_sensors_come() -> None:
     rig = Rig(slot_of(path="a", latency_ns=-3))
     counts = rig.sensor_arrays.streams.rows["decimation_count"]
     for forget in (rig.sensing.forget_newest, rig.sensing.sensors_changed):
-        rig.sensing.want(("a",), {"a": (Decimation(10.0, 0), Decimation(1.0, 0)), "gone": (Decimation(1.0, 0),)})
+        rig.sensing.subscribe(("a",), {"a": (Decimation(10.0, 0), Decimation(1.0, 0)), "gone": (Decimation(1.0, 0),)})
         assert counts.sum() == 2
         forget()
         rig.sensing.set_listeners((), ())
         assert counts.sum() == 0
-    rig.sensing.want(("a",), {"a": (Decimation(10.0, 0),)})
+    rig.sensing.subscribe(("a",), {"a": (Decimation(10.0, 0),)})
     rig.sensing.set_listeners(("a",), ())
     assert counts.sum() == 0, "a part of the world hears each one"

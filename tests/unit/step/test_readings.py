@@ -102,7 +102,7 @@ def test_none_is_lost_where_room_is_made_amid_a_tick(tmp_path: Path) -> None:
     file.write_text(MANY)
     some, whole = uwserver.load(file), uwserver.load(file)
     wanted = {f"{name}/{port}" for name in ("v_3", "v_7", "v_12") for port in ("imu", "b1")}
-    some.want(wanted)
+    some.subscribe(wanted)
     for _ in range(12):
         assert [s for s in whole.step() if s.port in wanted] == some.step()
 

@@ -74,7 +74,7 @@ def test_compiled_code_hears_the_sensors_of_its_estimate(flown: World) -> None:
 @pytest.mark.parametrize("wanted", [None, (), ("rov/depth", "rov/autopilot/state")])
 def test_it_hears_the_same_whoever_else_reads(wanted: Any) -> None:
     world = uwserver.load("rov_autopilot")
-    world.want(wanted)
+    world.subscribe(wanted)
     read = {sample.port for sample in world.step(240)}
     assert read == set(wanted) if wanted is not None else read > {"rov/ahrs", "rov/depth"}
     other = uwserver.load("rov_autopilot")
@@ -188,7 +188,7 @@ def unread(seed: int = 7, **delivery: dict[str, Any]) -> World:
     for name, keys in delivery.items():
         builder.modifier("a", "depth", name, **keys)
     world = build(load(builder.build(), adapters={}))
-    world.want(())
+    world.subscribe(())
     return world
 
 
@@ -271,7 +271,7 @@ def test_sensors_without_an_autopilot_that_come_and_go_are_heard_by_nobody() -> 
         builder.sensor(name, "ahrs", "attitude", rate_hz=40, noise_deg=0.05)
     world, alone = (build(load(builder.build(), adapters={})) for _ in range(2))
     for each in (world, alone):
-        each.want(())
+        each.subscribe(())
         dive(each, "a")
     for _ in range(2):
         world.call("world/spawn", name="mute", like="mute", p_NB=[0.0, 20.0, 9.0])
@@ -296,7 +296,7 @@ def test_beacons_reach_it_in_words_though_nobody_reads_them() -> None:
     beacons = {"b": {"position_ned_m": [60.0, 0.0, 25.0]}}
     builder.sensor("a", "usbl", "usbl", rate_hz=2, beacons=beacons, position_frd_m=[0.0, 0.0, 0.2])
     world, read = (build(load(builder.build(), adapters={})) for _ in range(2))
-    world.want(())
+    world.subscribe(())
     assert part_of(world, "a").hears == ("a/usbl",)
     world.step(960)
     assert 8 <= world.stops["called sensors"] <= 24, "the step stops when answers come, not in each tick"
@@ -338,7 +338,7 @@ def test_it_hears_late_and_lossy_samples_as_if_everybody_read_them(
     modifier: dict[str, Any], least_s: float, most_s: float
 ) -> None:
     world, read = unread(error=modifier), unread(error=modifier)
-    read.want(None)
+    read.subscribe(None)
     ages, shown = [], []
     for _ in range(480):
         assert world.step() == []

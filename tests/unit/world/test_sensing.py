@@ -142,7 +142,7 @@ def test_two_of_one_number_on_their_way_do_no_harm() -> None:
 
 def test_nobody_is_told_what_nobody_wants() -> None:
     rig = Rig(slot("a"), slot("b", late=15))
-    rig.sensing.want(("b",))
+    rig.sensing.subscribe(("b",))
     assert [rig.tick(n) for n in (1, 2, 3)] == [[], [], [("b", 10)]]
     assert rig.slots["a"].number == 3
     newest = rig.sensing.newest("a")
@@ -152,12 +152,12 @@ def test_nobody_is_told_what_nobody_wants() -> None:
 
 def test_words_are_there_for_who_comes_later() -> None:
     rig, all_of_it = (Rig(slot("words", late=15, kind=Speaker)) for _ in range(2))
-    rig.sensing.want(())
+    rig.sensing.subscribe(())
     everything = [all_of_it.samples(n) for n in range(1, 9)]
     for n in (1, 2, 3, 4):
         assert rig.samples(n) == []
         assert rig.sensing.newest("words") == next(iter(everything[n - 1]), rig.sensing.newest("words"))
-    rig.sensing.want(("words",))
+    rig.sensing.subscribe(("words",))
     assert [rig.samples(n) for n in range(5, 9)] == everything[4:]
     assert len(rig.slots["words"].streams[0].coming) == len(rig.sensing.save().loose), "what was lost is not kept"
 
@@ -246,7 +246,7 @@ def test_a_kind_in_python_draws_the_same_whoever_reads() -> None:
     def values(wanted: Any) -> list[Any]:
         noisy = slot_of(path="a", noisy=True, latency_ns=-3)
         rig = Rig(noisy, slot("b"))
-        rig.sensing.want(wanted)
+        rig.sensing.subscribe(wanted)
         for n in range(1, 6):
             rig.tick(n)
         assert isinstance(noisy.sensor, Sensor)
@@ -295,7 +295,7 @@ def test_a_picture_is_not_kept_by_what_was_delivered_with_it() -> None:
 def test_texts_that_nobody_reads_are_no_samples() -> None:
     rig, other = swarm(Speaker, Counter, Speaker), swarm(Speaker, Counter, Speaker)
     paths = [path for path in rig.slots if path != "s0"]
-    rig.sensing.want(paths)
+    rig.sensing.subscribe(paths)
     for n in (1, 2):
         assert rig.samples(n) == [sample for sample in other.samples(n) if sample.port != "s0"]
     assert not rig.slots["s0"].streams[0].coming

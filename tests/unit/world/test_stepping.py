@@ -180,7 +180,7 @@ def test_several_threads(tmp_path: Path) -> None:
     if not FUTEX:
         pytest.skip("threads wait in compiled code on Linux alone")
     twins = Twins(tmp_path, copies="copies = { count = 40, columns = 8, spacing_m = [5.0, 5.0] }", threads=2)
-    twins.do(lambda world: world.want(()))
+    twins.do(lambda world: world.subscribe(()))
     twins.step(480)
     twins.do(fly)
     twins.step(200)
@@ -214,19 +214,19 @@ def test_what_is_late_or_lost(tmp_path: Path) -> None:
     """Samples on their way have their time, and those that nobody reads too."""
     twins = Twins(tmp_path, last=LATE_DEPTH)
     twins.step(300)
-    twins.do(lambda world: world.want({"rov/imu"}))
+    twins.do(lambda world: world.subscribe({"rov/imu"}))
     twins.step(300)
-    twins.do(lambda world: world.want(None))
+    twins.do(lambda world: world.subscribe(None))
     assert any(sample.port == "rov/depth" for sample in twins.step(60))
     assert twins.ticks > 600
 
 
 def test_only_the_samples_that_are_wanted(twins: Twins) -> None:
     wanted = {"rov/imu": [Decimation(10.0, 0)], "rov/depth": [Decimation(7.0, 3)]}
-    twins.do(lambda world: world.want(set(wanted), wanted))
+    twins.do(lambda world: world.subscribe(set(wanted), wanted))
     samples = twins.step(480)
     assert 0 < sum(sample.port == "rov/imu" for sample in samples) < 30
-    twins.do(lambda world: world.want(()))
+    twins.do(lambda world: world.subscribe(()))
     assert twins.step(480) == []
     assert twins.ticks > 900
 
@@ -318,8 +318,8 @@ def test_whatever_happens(tmp_path: Path, seed: int) -> None:
         lambda world, r: world.call("world/clear_fault", name=name),
         lambda world, r: world.call("world/spawn", name=f"s{r[0]}", like=first, p_NB=[r[1] % 9, r[2] % 9, 2 + r[3] % 15]),
         lambda world, r: world.call("world/remove", name=[*world.vehicles][-1]) if len(world.vehicles) > 1 else None,
-        lambda world, r: world.want([None, (), {f"{first}/imu", f"{first}/depth"}][r[0] % 3]),
-        lambda world, r: world.want({f"{first}/imu"}, {f"{first}/imu": [Decimation(10.0, 0)]}),
+        lambda world, r: world.subscribe([None, (), {f"{first}/imu", f"{first}/depth"}][r[0] % 3]),
+        lambda world, r: world.subscribe({f"{first}/imu"}, {f"{first}/imu": [Decimation(10.0, 0)]}),
         lambda world, r: restore(world) if world is twins.other else None,
     ]  # fmt: skip
 
@@ -490,7 +490,7 @@ def test_a_force_that_a_part_gives_is_given_once_a_tick(twins: Twins) -> None:
 def test_contacts_and_rays_need_no_python(name: str) -> None:
     """Of bodies at rest on a mesh, of one that is pushed, and of walls."""
     world = build(load(name, adapters=installed_adapters()))
-    world.want(())
+    world.subscribe(())
     world.step(480)
     assert not any(world.stops.values())
 
@@ -533,7 +533,7 @@ def test_a_step_in_a_server_ends_for_the_samples_to_be_handed_over(tmp_path: Pat
     """After so many ticks that they take about as long however many bodies there are."""
     twins = Twins(tmp_path, copies="copies = { count = 16, columns = 4, spacing_m = [5.0, 5.0] }")
     world = twins.other
-    world.want(())
+    world.subscribe(())
     world.step(240)
     assert world.advance(most=1000, posted=rows.NOTHING_POSTED).tick == 240 + 5120 // 16
     assert world.advance(most=7, posted=rows.NOTHING_POSTED).tick == 240 + 5120 // 16 + 7
@@ -548,7 +548,7 @@ def test_what_another_thread_posts_ends_a_step(tmp_path: Path) -> None:
     """Long before its last tick: who has asked waits for the present tick alone."""
     twins = Twins(tmp_path, copies="copies = { count = 32, columns = 8, spacing_m = [5.0, 5.0] }")
     world, wake = twins.other, Wake()
-    world.want(())
+    world.subscribe(())
     world.step(240)
     for turn in range(100):  # until the other thread has come in time, on a machine with other work
         before = world.tick
@@ -567,7 +567,7 @@ def test_other_threads_run_python_while_a_step_goes_on(tmp_path: Path) -> None:
     """A step releases the interpreter lock: a thread that needs it for each of its turns makes many of them meanwhile."""
     twins = Twins(tmp_path, copies="copies = { count = 64, columns = 8, spacing_m = [5.0, 5.0] }")
     world, turns = twins.other, 0
-    world.want(())
+    world.subscribe(())
     world.step(240)
     wake = Wake()
 
@@ -595,6 +595,6 @@ def test_who_is_alone_makes_many_ticks_in_one_go(tmp_path: Path) -> None:
     """Nobody waits for their end; of many bodies there are fewer, as who breaks off a program waits."""
     twins = Twins(tmp_path, copies="copies = { count = 16, columns = 4, spacing_m = [5.0, 5.0] }")
     world = twins.other
-    world.want(())
+    world.subscribe(())
     world.step(240)
     assert world.advance(most=2000).tick == 240 + LONGEST

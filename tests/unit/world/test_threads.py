@@ -58,7 +58,7 @@ def world_with(count, tmp_path):
 
 def run(world, ticks):
     """Hashes of the states and readings, and the most contacts of a tick."""
-    world.want(())
+    world.subscribe(())
     for name in world.vehicles:
         world.call(f"{name}/autopilot/arm")
     digest, touching = hashlib.sha256(), 0
@@ -164,7 +164,7 @@ def settled(monkeypatch):
 
     def settle(count, wanted):
         made.append(Threads(Bodies(count), 16, lambda: 0))
-        made[-1].want(wanted)
+        made[-1].subscribe(wanted)
         made[-1].bodies_changed()
         return made[-1]
 

@@ -62,7 +62,7 @@ def test_the_tick_waits_for_it_and_what_ran_when_changes_no_bit(slow: Callable[.
 
 def test_nobody_computes_what_nobody_reads(slow: Callable[..., World]) -> None:
     world = slow()
-    world.want(())
+    world.subscribe(())
     world.step(40)
     assert kind_of(world).runs == []
     found = world.read(PORT)
@@ -151,7 +151,7 @@ def test_a_hash_waits_for_no_job(slow: Callable[..., World]) -> None:
 
 def test_what_was_metered_acts_on_the_next_reading_though_nobody_reads(slow: Callable[..., World]) -> None:
     read, unread = slow("metered = true"), slow("metered = true")
-    unread.want(())
+    unread.subscribe(())
     read.step(60)
     unread.step(60)
     levels = [world.sensors[PORT].sensor.memory.level for world in (read, unread)]

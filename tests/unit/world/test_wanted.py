@@ -88,7 +88,7 @@ def test_all_of_it_is_worth_comparing(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_nobody_reads_and_the_world_goes_on_alike(name: str) -> None:
     world = world_of(name)
-    world.want(())
+    world.subscribe(())
     assert [world.step() for _ in range(TICKS)] == [some(samples, heard(world)) for samples in whole(name)[0]]
     assert snapshot.take(world).hash() == whole(name)[1]
     newest = {sample.port: sample for samples in whole(name)[0] for sample in samples}
@@ -125,7 +125,7 @@ def test_each_port_tells_the_same_to_who_reads_it_alone(name: str) -> None:
     seen = set()
     for n in range(TICKS):
         wanted = {ports[(n // 5 + 7 * k) % len(ports)] for k in range(2)}
-        world.want(wanted)
+        world.subscribe(wanted)
         told = world.step()
         assert told == some(expected[n], wanted | heard(world))
         seen |= {sample.port for sample in told}
@@ -140,7 +140,7 @@ def test_a_port_that_is_decimated_changes_nothing_else(name: str) -> None:
     ports = sorted({sample.port for samples in expected for sample in samples})
     first = {sample.port: sample.t_ns for samples in reversed(expected) for sample in reversed(samples)}
     decimations = {port: (Decimation(10.0, first[port]),) for port in ports}
-    world.want(ports, decimations)
+    world.subscribe(ports, decimations)
     told = [world.step() for _ in range(TICKS)]
     newest: dict[str, int] = {}
     for n, samples in enumerate(expected):
@@ -161,9 +161,9 @@ def test_a_port_that_is_decimated_changes_nothing_else(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_who_comes_later_gets_what_was_on_its_way_to_nobody(name: str) -> None:
     world, expected = world_of(name), whole(name)[0]
-    world.want(())
+    world.subscribe(())
     world.step(TICKS // 2)
-    world.want(None)
+    world.subscribe(None)
     assert [world.step() for _ in range(TICKS // 2)] == expected[TICKS // 2 :]
 
 
@@ -171,7 +171,7 @@ def test_who_comes_later_gets_what_was_on_its_way_to_nobody(name: str) -> None:
 def test_a_state_holds_what_is_on_its_way_to_nobody(name: str) -> None:
     """Saved where nobody reads, and put back where somebody does; and in the same world, where what was wanted stays so."""
     world, other, expected = world_of(name), world_of(name), whole(name)[0]
-    world.want(())
+    world.subscribe(())
     world.step(TICKS // 2)
     kept = snapshot.take(world)
     assert kept.parts["world/samples"].entries, "nothing is on its way"  # type: ignore[attr-defined]
@@ -182,5 +182,5 @@ def test_a_state_holds_what_is_on_its_way_to_nobody(name: str) -> None:
     assert world.step(10) == [
         sample for samples in expected[TICKS // 2 :][:10] for sample in some(samples, heard(world))
     ]
-    world.want(None)
+    world.subscribe(None)
     assert [world.step() for _ in range(30)] == expected[TICKS // 2 + 10 :][:30]

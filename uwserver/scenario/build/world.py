@@ -45,7 +45,7 @@ def build(resolved: Resolved, seed: int | None = None, like: World | None = None
     if like is None:
         prepare(kernels_of(resolved, hydro.sea is not None), progress())
     world = World(resolved.name, rate, seed, scenario.world.epoch_utc, hydro, water)
-    world.threads.want(scenario.world.threads)
+    world.threads.use(scenario.world.threads)
     world.earth = _earth(resolved)
     world.lambert, world.sediments = lambert(resolved.materials), sediments(resolved.materials)
     if resolved.is_solid:

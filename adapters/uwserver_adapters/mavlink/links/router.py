@@ -250,10 +250,10 @@ class Router:
             self.send(*part, channel)
 
     @property
-    def wanted(self) -> Collection[str] | None:
-        """Ports that are read; None for all, see `Readings.wanted`."""
-        wanted = self.vehicle.bridge.readings.wanted
-        return None if wanted is None else {*wanted, *self.vehicle.tunnel.wanted}
+    def subscriptions(self) -> Collection[str] | None:
+        """Ports that are read; None for all, see `Readings.subscriptions`."""
+        subscriptions = self.vehicle.bridge.readings.subscriptions
+        return None if subscriptions is None else {*subscriptions, *self.vehicle.tunnel.subscriptions}
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Take the samples of a tick, and send the messages that are due."""

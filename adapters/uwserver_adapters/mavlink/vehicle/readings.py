@@ -101,7 +101,7 @@ class Readings:
                     self._ports.setdefault(found, (path, names))
 
     @property
-    def wanted(self) -> Collection[str] | None:
+    def subscriptions(self) -> Collection[str] | None:
         """The ports that are read. None, which means all, without any such instrument: the telemetry needs some samples to follow the time."""
         return frozenset(path for path, _ in self._ports.values()) or None
 

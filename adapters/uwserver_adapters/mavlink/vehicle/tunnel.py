@@ -38,7 +38,7 @@ class Tunnel:
         self._received = next((port for port in mine if port.direction == "sensor"), None)
 
     @property
-    def wanted(self) -> Collection[str]:
+    def subscriptions(self) -> Collection[str]:
         """The port of received data; none without a modem."""
         return () if self._received is None else (self._received.path,)
 

@@ -181,7 +181,7 @@ class Bridge:
 
         def on_status(answer: Reply | Progress) -> None:
             said = answer.result if isinstance(answer, Reply) else None
-            if not self.wanted:  # then no sample tells the time
+            if not self.subscriptions:  # then no sample tells the time
                 self._t_s = seconds(answer.t_ns)
             if isinstance(said, dict) and (pairs := self._pace.observe(said, wall_s, self._context.name)):
                 self._post(pairs)
@@ -206,9 +206,9 @@ class Bridge:
     # -- out ------------------------------------------------------------------------------------------------------------------------
 
     @property
-    def wanted(self) -> Collection[str]:
+    def subscriptions(self) -> Collection[str]:
         """Paths of the ports that become variables."""
-        beside = self._nav.wanted if self._nav is not None else ()
+        beside = self._nav.subscriptions if self._nav is not None else ()
         return {*self._outlets, *beside, *filter(None, [self._acomms.received])}
 
     def put_samples(self, samples: Sequence[Sample]) -> None:

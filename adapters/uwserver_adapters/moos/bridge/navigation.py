@@ -102,9 +102,9 @@ class Navigation:
         return missing
 
     @property
-    def wanted(self) -> Collection[str]:
+    def subscriptions(self) -> Collection[str]:
         """Paths of the ports that are read."""
-        return self._sources.keys() | (frozenset() if self._truth is None else self._truth.wanted)
+        return self._sources.keys() | (frozenset() if self._truth is None else self._truth.subscriptions)
 
     def _find(self, entry: str) -> None:
         """Find the port of an entry of the table, where the table or a default names one."""

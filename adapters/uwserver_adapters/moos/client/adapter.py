@@ -127,7 +127,7 @@ class Community:
                 gap = f"{self._clock.skew:g} s, is its MOOSTimeWarp {self._clock.warp:g}?"
                 self._warn(f"the clock of the MOOSDB at {self.address} differs by {gap}")
             self.link = link
-            self._context.follow_wants()
+            self._context.subscriptions_changed()
             stats.peers += 1
             try:
                 log.info("%s joined the community %s at %s", self._context.name, link.community, self.address)
@@ -137,7 +137,7 @@ class Community:
                 await link.stay(self._timeout_s, self.bridge.attend)
             finally:
                 self.link = None
-                self._context.follow_wants()
+                self._context.subscriptions_changed()
                 stats.peers -= 1
         finally:
             link.abort()
@@ -179,9 +179,9 @@ class MoosAdapter(AdapterBase[MoosConfig]):
         return [community for community in self._communities if community.link is not None]
 
     @property
-    def wanted(self) -> Collection[str]:
+    def subscriptions(self) -> Collection[str]:
         """Ports that become variables of the communities that are joined now."""
-        return frozenset().union(*(community.bridge.wanted for community in self._joined()))
+        return frozenset().union(*(community.bridge.subscriptions for community in self._joined()))
 
     def put_samples(self, samples: Sequence[Sample]) -> None:
         """Publish samples in the communities that are joined now."""

@@ -87,11 +87,11 @@ class Rig:
         self.stats.details.update(dict.fromkeys((*COUNTS, "frame_rate_hz"), 0))
         readings = Readings(PORTS, "rov")
         state = State(
-            readings.want("pose", "truth/pose", [("p_NB", "q_NB")]),
-            readings.want("velocity", "truth/velocity", [("v_NB_B", "w_NB_B")]),
-            readings.want("imu", "imu", [("w_S", "f_S")]),
-            [readings.want("rangefinders", name, [("range",)], keeps=False) for name in rangefinders],
-            readings.want("battery", "battery", [("voltage", "current")]) if rangefinders else None,
+            readings.subscribe("pose", "truth/pose", [("p_NB", "q_NB")]),
+            readings.subscribe("velocity", "truth/velocity", [("v_NB_B", "w_NB_B")]),
+            readings.subscribe("imu", "imu", [("w_S", "f_S")]),
+            [readings.subscribe("rangefinders", name, [("range",)], keeps=False) for name in rangefinders],
+            readings.subscribe("battery", "battery", [("voltage", "current")]) if rangefinders else None,
             bool(rangefinders),
         )
         outputs = Outputs({}, PORTS, "rov")
@@ -519,9 +519,9 @@ def test_outputs_that_do_not_fit(table: OutputTable, phrase: str) -> None:
 def test_readings_that_do_not_fit() -> None:
     readings = Readings(PORTS, "rov")
     with pytest.raises(CannotServe, match='imu: no sensor "rov/gyro"'):
-        readings.want("imu", "gyro", [("w_S",)])
+        readings.subscribe("imu", "gyro", [("w_S",)])
     with pytest.raises(CannotServe, match="needed is p_NB and q_NB or p_NS"):
-        readings.want("pose", "imu", [("p_NB", "q_NB"), ("p_NS",)])
+        readings.subscribe("pose", "imu", [("p_NB", "q_NB"), ("p_NS",)])
 
 
 # -- a real one, recorded by tests/integration/record_ardusub.py ----------------------------------------------------------------------

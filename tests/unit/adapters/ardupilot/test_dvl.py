@@ -40,8 +40,8 @@ PORTS = {
 class Rig:
     def __init__(self) -> None:
         self.readings = Readings(PORTS, "rov")
-        dvl = self.readings.want("dvl", "dvl", [("v_S", "figure_of_merit")], keeps=False)
-        imu = self.readings.want("imu", "imu", [("w_S", "f_S")])
+        dvl = self.readings.subscribe("dvl", "dvl", [("v_S", "figure_of_merit")], keeps=False)
+        imu = self.readings.subscribe("imu", "imu", [("w_S", "f_S")])
         self.reader = mavlink.MAVLink(None)
         self.messages: list[Any] = []
         self.movement = Movement(

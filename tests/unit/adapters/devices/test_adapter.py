@@ -66,7 +66,7 @@ def a50(**keys: Any) -> WaterLinkedA50Table:
 def test_peers_on_tcp_get_reports_and_each_its_own_answers():
     async def scene() -> None:
         async with running(dvl=a50()) as context:
-            assert context.wanted == {"rov/dvl"}
+            assert context.subscriptions == {"rov/dvl"}
             host, port = address(context, "dvl")
             one, to_one = await asyncio.open_connection(host, port)
             two, to_two = await asyncio.open_connection(host, port)

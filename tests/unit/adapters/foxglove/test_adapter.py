@@ -174,16 +174,16 @@ def test_a_greeting_names_all_that_is_offered() -> None:
 def test_samples_of_what_is_subscribed_and_nothing_else() -> None:
     async def test(world: FakeContext, peer: Peer) -> None:
         offered = await peer.offered()
-        assert world.wanted == frozenset()
+        assert world.subscriptions == frozenset()
         await peer.say(op="subscribe", subscriptions=[{"id": 5, "channelId": offered[SENSOR.path]}])
-        await _settled(lambda: world.wanted == {SENSOR.path})
+        await _settled(lambda: world.subscriptions == {SENSOR.path})
         world.emit()
         t_ns, payload = await peer.data(5)
         told = json.loads(payload)
         assert t_ns == told["t_sent_ns"]
         assert set(told["value"]) == {field.name for field in SENSOR.fields}
         await peer.say(op="unsubscribe", subscriptionIds=[5])
-        await _settled(lambda: not world.wanted)
+        await _settled(lambda: not world.subscriptions)
 
     run(test)
 
@@ -332,7 +332,7 @@ def test_pictures_are_made_on_a_thread_and_none_is_shown_after_a_jump(monkeypatc
         await peer.say(
             op="subscribe", subscriptions=[{"id": k, "channelId": offered[topic]} for k, topic in enumerate(topics)]
         )
-        await _settled(lambda: world.wanted == {CAMERA.path})
+        await _settled(lambda: world.subscriptions == {CAMERA.path})
         await peer.data(1)  # the world has been looked at
         world.put([filmed(1), filmed(2)])
         assert await asyncio.to_thread(begun.wait, 10.0), "the loop goes on meanwhile"
@@ -641,7 +641,7 @@ def test_a_client_that_does_not_read_loses_samples_and_nobody_waits() -> None:
             await connection.send(
                 json.dumps({"op": "subscribe", "subscriptions": [{"id": n, "channelId": n} for n in range(1, 6)]})
             )
-            await _settled(lambda: bool(world.wanted))
+            await _settled(lambda: bool(world.subscriptions))
             (client,) = adapter.clients
             client.outbox._send = _never  # type: ignore[assignment]
             for _ in range(500):

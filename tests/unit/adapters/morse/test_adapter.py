@@ -66,16 +66,16 @@ def test_a_stream_tells_the_samples_of_its_component_alone() -> None:
     async def story() -> None:
         context = FakeContext()
         async with serving(MorseConfig(port=0, stream_port=0), context) as details:
-            assert context.wanted == frozenset()
+            assert context.subscriptions == frozenset()
             reader, writer = await connect(details["streams"]["rov.depth"])
-            assert context.wanted == {DEPTH.path}
+            assert context.subscriptions == {DEPTH.path}
             context.emit()
             said = json.loads(await reader.readline())
             assert set(said) == {"timestamp", "valid", "depth"}
             writer.close()
             await writer.wait_closed()
             await turns()
-            assert context.wanted == frozenset()
+            assert context.subscriptions == frozenset()
 
     run(story)
 
@@ -85,7 +85,7 @@ def test_velocity_in_the_world_takes_the_attitude() -> None:
         context = FakeContext(ports={port.path: port for port in (POSE, VELOCITY)})
         async with serving(MorseConfig(port=0, stream_port=0, truth=True), context) as details:
             reader, writer = await connect(details["streams"]["rov.velocity"])
-            assert context.wanted == {POSE.path, VELOCITY.path}
+            assert context.subscriptions == {POSE.path, VELOCITY.path}
             context.emit()
             assert "world_linear_velocity" in json.loads(await reader.readline())
             writer.close()

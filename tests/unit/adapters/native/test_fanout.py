@@ -250,22 +250,22 @@ def test_the_world_is_told_what_clients_subscribe_to(stage: Callable[..., Any]) 
         theatre = stage()
         context = theatre.context
         one, two = theatre.talker(), theatre.talker("msgpack")
-        assert context.wanted == frozenset()
+        assert context.subscriptions == frozenset()
         await one.result("subscribe", {"pattern": "rov/imu"})
-        assert context.wanted == {"rov/imu"}
+        assert context.subscriptions == {"rov/imu"}
         await two.result("subscribe", {"pattern": "rov/*"})
-        assert context.wanted == {"rov/imu", "rov/depth"}
+        assert context.subscriptions == {"rov/imu", "rov/depth"}
         await two.result("unsubscribe", {"pattern": "rov/*"})
-        assert context.wanted == {"rov/imu"}
+        assert context.subscriptions == {"rov/imu"}
         await two.result("subscribe", {"pattern": "rov/d*h"})
         await two.result("subscribe", {"pattern": "*/depth"})
-        assert context.wanted == {"rov/imu", "rov/depth"}
+        assert context.subscriptions == {"rov/imu", "rov/depth"}
         new = msgspec.structs.replace(DEPTH, path="rov2/depth")
         context.set_ports([IMU, DEPTH, new, THRUSTERS])
-        assert context.wanted == {"rov/imu", "rov/depth", "rov2/depth"}
+        assert context.subscriptions == {"rov/imu", "rov/depth", "rov2/depth"}
         two.transport.die()
         await asyncio.sleep(0)
-        assert context.wanted == {"rov/imu"}
+        assert context.subscriptions == {"rov/imu"}
 
     asyncio.run(scene())
 
@@ -276,8 +276,8 @@ def test_the_world_is_told_what_is_enough_for_clients_together(stage: Callable[.
     async def scene() -> None:
         theatre = stage()
         context, routes = theatre.context, theatre.adapter.service.fanout
-        follow, followed = context.follow_wants, list[Any]()
-        context.follow_wants = lambda: (follow(), followed.append(dict(routes.decimations)))[0]
+        follow, followed = context.subscriptions_changed, list[Any]()
+        context.subscriptions_changed = lambda: (follow(), followed.append(dict(routes.decimations)))[0]
         one, two = theatre.talker(), theatre.talker("msgpack")
         await one.result("subscribe", {"pattern": "rov/*", "rate_hz": 10})
         assert followed.pop() == {}, "nothing is known before the first sample"

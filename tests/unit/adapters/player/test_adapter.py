@@ -129,16 +129,16 @@ def test_data_are_told_to_who_has_opened_the_device() -> None:
     async def story(context: FakeContext) -> None:
         async with serving(FREE, context) as port:
             client = await Client.connect(port)
-            assert context.wanted == frozenset()
+            assert context.subscriptions == frozenset()
             assert await client.open(60, 0) == 1
-            assert context.wanted == {IMU.path}
+            assert context.subscriptions == {IMU.path}
             context.emit()
             head, time, body = await client.hear()
             assert head == (60, 0, 1, 2)
             assert time == pytest.approx(1_704_067_200.004)
             assert struct.unpack(">9f", body)[:6] == (0.0, -1.0, -2.0, 100.0, -101.0, -102.0)
             assert await client.open(60, 0, 2) == 2
-            assert context.wanted == frozenset()
+            assert context.subscriptions == frozenset()
             assert await client.open(60, 7) == 3
             client.close()
             await until(lambda: context.stats.peers == 0)
@@ -249,13 +249,13 @@ def test_devices_come_and_go_with_the_world() -> None:
             client = await Client.connect(port)
             await client.open(60, 0)
             context.set_ports((DEPTH,))
-            assert context.wanted == frozenset()
+            assert context.subscriptions == frozenset()
             _, said = await client.ask(1, 0, 1)
             numbers = struct.unpack(f">{len(said) // 4}I", said)
             assert numbers[:2] == (2, 2)
             assert (numbers[4:6], numbers[8:]) == ((51, 0), (51, 1))
             context.set_ports((IMU, DEPTH))
-            assert context.wanted == {IMU.path}
+            assert context.subscriptions == {IMU.path}
             client.close()
 
     run(story)

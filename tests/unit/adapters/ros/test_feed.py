@@ -76,16 +76,16 @@ def test_nothing_is_made_for_nobody():
     async def story():
         world = mounted(context())
         feed, told = heard_of(world)
-        assert world.wanted == frozenset()
+        assert world.subscriptions == frozenset()
         feed.hear("/rov/imu/temperature")
         feed.hear("/rov/imu/temperature")
-        assert world.wanted == {"rov/imu"}
+        assert world.subscriptions == {"rov/imu"}
         world.put([sample(PORTS["rov/imu"]), sample(PORTS["rov/depth"])])
         assert [topic for topic, _ in told] == ["/rov/imu/temperature"]
         feed.leave("/rov/imu/temperature")
-        assert world.wanted == {"rov/imu"}
+        assert world.subscriptions == {"rov/imu"}
         feed.leave("/rov/imu/temperature")
-        assert world.wanted == frozenset()
+        assert world.subscriptions == frozenset()
 
     run(story)
 
@@ -194,7 +194,7 @@ def test_the_clock_goes_back_with_the_world():
     async def story():
         world = mounted(context())
         _, told = heard_of(world, "/clock")
-        (path,) = world.wanted
+        (path,) = world.subscriptions
         base = sample(PORTS[path])
 
         def at(t_ns):

@@ -180,14 +180,14 @@ def test_a_subscriber_hears_what_it_asked_for_alone() -> None:
             )
             assert (said["type"], said["md5sum"], said["latching"]) == ("sensor_msgs/Imu", md5, "0")
             assert "linear_acceleration" in said["message_definition"]
-            assert context.wanted == {"rov/imu"}
+            assert context.subscriptions == {"rov/imu"}
             context.emit()
             imu = TYPES.from_ros1(await block(reader), "sensor_msgs/msg/Imu")
             assert imu.header.frame_id.startswith("rov/")
             busy = await ask(context.stats.address, "getBusInfo", "/t")
             assert [each[1:5] for each in busy] == [["/rviz", "o", "TCPROS", "/rov/imu"]]
             writer.close()
-            await until(lambda: context.emit() or context.wanted == frozenset())
+            await until(lambda: context.emit() or context.subscriptions == frozenset())
 
     run(story)
 

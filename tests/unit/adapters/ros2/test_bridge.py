@@ -149,7 +149,7 @@ def test_topics_and_commands_pass_and_late_comers_get_what_is_latched():
             transforms = peer.types.from_cdr(said.payload.to_bytes(), "tf2_msgs/msg/TFMessage").transforms
             assert [one.child_frame_id for one in transforms] == ["rov/odom"]
             heard = await aside(peer.hear, "rov/imu")
-            await until(lambda: "rov/imu" in world.wanted)
+            await until(lambda: "rov/imu" in world.subscriptions)
             world.put([sample(PORTS["rov/imu"])])
             first = await aside(heard.get, timeout=60)
             assert peer.types.from_cdr(first.payload.to_bytes(), "sensor_msgs/msg/Imu").linear_acceleration.z == 9.81

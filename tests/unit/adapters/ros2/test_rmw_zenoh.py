@@ -153,9 +153,9 @@ async def until(condition):
 def test_a_topic_is_heard_with_its_attachment(distro):
     async def story():
         async with node(distro) as (world, peer, aside):
-            assert world.wanted == set()  # nothing is made for nobody
+            assert world.subscriptions == set()  # nothing is made for nobody
             heard = await aside(peer.hear, "/rov/imu", "sensor_msgs/msg/Imu")
-            await until(lambda: "rov/imu" in world.wanted)
+            await until(lambda: "rov/imu" in world.subscriptions)
             for _ in range(3):
                 world.put([sample(PORTS["rov/imu"])])
             first = await aside(heard.get, timeout=60)
@@ -174,7 +174,7 @@ def test_a_topic_is_heard_with_its_attachment(distro):
             assert ("/TypeHashNotSupported/" in token) == (distro == "humble")
             assert abs(attached[0].stamp_ns - time.time_ns()) < 60e9
             peer.held.pop().undeclare()
-            await until(lambda: world.wanted == set())
+            await until(lambda: world.subscriptions == set())
 
     run(story)
 
@@ -210,8 +210,8 @@ def test_the_clock_runs_while_somebody_listens():
     async def story():
         async with node() as (world, peer, aside):
             heard = await aside(peer.hear, "/clock", "rosgraph_msgs/msg/Clock")
-            await until(lambda: world.wanted)
-            (path,) = world.wanted
+            await until(lambda: world.subscriptions)
+            (path,) = world.subscriptions
             base = sample(PORTS[path])
             for k in range(5):
                 world.put([Sample(path, k, k * 10**8, k * 10**8, True, base.value)])
@@ -319,7 +319,7 @@ def test_another_domain_does_not_hear():
     async def story():
         async with node(domain=5) as (world, peer, aside):
             heard = await aside(peer.hear, "/rov/imu", "sensor_msgs/msg/Imu")
-            await until(lambda: "rov/imu" in world.wanted)
+            await until(lambda: "rov/imu" in world.subscriptions)
             peer.domain = 6
             other = await aside(peer.hear, "/rov/imu", "sensor_msgs/msg/Imu")
             world.put([sample(PORTS["rov/imu"])])
@@ -349,7 +349,7 @@ def test_a_large_message_comes_whole():
             text = "std_msgs/Header header\nbool valid\nuint64 seq\nint64 count\nfloat64[] size\nstring name\nuint8[] picture"
             await aside(peer.types.register, "uwserver_msgs/msg/Plankton", text)
             heard = await aside(peer.hear, "/rov/strange", "uwserver_msgs/msg/Plankton")
-            await until(lambda: "rov/strange" in world.wanted)
+            await until(lambda: "rov/strange" in world.subscriptions)
             picture = Buffer.of(np.arange(2 * 500_000, dtype=np.uint8).reshape(2, -1))
             world.put([sample(PORTS["rov/strange"], picture=picture)])
             said = await aside(heard.get, timeout=60)

@@ -29,11 +29,11 @@ def later(t_ns, port=IMU):
 def test_a_topic_is_heard_once_subscribed_and_not_after():
     async def story():
         async with bridge() as (world, client):
-            assert world.wanted == set()  # nothing is made for nobody
+            assert world.subscriptions == set()  # nothing is made for nobody
             await client.say(op="subscribe", id="a", topic="/rov/imu", type="sensor_msgs/Imu")
             await client.say(op="subscribe", id="b", topic="rov/imu/", type="sensor_msgs/msg/Imu")
             await client.settle()
-            assert world.wanted == {"rov/imu"}
+            assert world.subscriptions == {"rov/imu"}
             world.put([sample(IMU)])
             heard = await client.hear()
             assert (heard["op"], heard["topic"]) == ("publish", "/rov/imu")
@@ -42,10 +42,10 @@ def test_a_topic_is_heard_once_subscribed_and_not_after():
             assert stamp["sec"] * 10**9 + stamp["nanosec"] == world.world.epoch_ns + T_NS
             await client.say(op="unsubscribe", id="a", topic="/rov/imu")
             await client.settle()
-            assert world.wanted == {"rov/imu"}
+            assert world.subscriptions == {"rov/imu"}
             await client.say(op="unsubscribe", id="b", topic="/rov/imu")
             await client.settle()
-            assert world.wanted == set()
+            assert world.subscriptions == set()
 
     run(story)
 
@@ -140,8 +140,8 @@ def test_the_clock_ticks_in_simulated_time():
         async with bridge(clock_hz=10) as (world, client):
             await client.say(op="subscribe", topic="/clock")
             await client.settle()
-            assert len(world.wanted) == 1
-            (path,) = world.wanted
+            assert len(world.subscriptions) == 1
+            (path,) = world.subscriptions
             for k in range(100):  # 4 ms a tick: 0.4 s
                 world.put([later(k * 4_000_000, PORTS[path])])
             nanoseconds = [(await client.hear())["msg"]["clock"]["nanosec"] for _ in range(4)]
@@ -403,13 +403,13 @@ def test_other_ports_are_other_topics():
         async with bridge() as (world, client):
             await client.say(op="subscribe", topic="/rov/leak")
             await client.settle()
-            assert world.wanted == {"rov/leak"}
+            assert world.subscriptions == {"rov/leak"}
             world.set_ports([IMU])
             while "/rov/leak" in (await client.call("/rosapi/topics"))["values"]["topics"]:
                 await asyncio.sleep(0.01)
-            assert world.wanted == set()
+            assert world.subscriptions == set()
             world.set_ports([IMU, PORTS["rov/leak"]])
-            while world.wanted != {"rov/leak"}:  # it still listens
+            while world.subscriptions != {"rov/leak"}:  # it still listens
                 await asyncio.sleep(0.01)
 
     run(story)
@@ -600,7 +600,7 @@ def test_who_does_not_read_loses_samples_and_holds_up_nobody(monkeypatch):
             await reader.readuntil(b"\r\n\r\n")
             body = b'{"op":"subscribe","topic":"/rov/imu"}'
             writer.write(b"\x81" + struct.pack(">B", 0x80 | len(body)) + bytes(4) + body)
-            while not made.wanted:
+            while not made.subscriptions:
                 await asyncio.sleep(0.01)
             async with websockets.connect(made.stats.address) as other:
                 client = Client(other)
@@ -793,7 +793,7 @@ def test_hundreds_of_throttled_subscriptions_outlive_a_reset():
             for k in range(300):
                 await many.say(op="unsubscribe", id=k, topic=f"/rov/{'imu' if k % 2 else 'lasers'}")
             await many.settle()
-            assert world.wanted == {"rov/imu"}
+            assert world.subscriptions == {"rov/imu"}
             await many.socket.close()
             await one.settle()
             assert world.stats.errors == 0

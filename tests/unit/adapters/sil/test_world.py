@@ -61,11 +61,11 @@ def test_the_world_is_told_what_the_autopilot_reads(adapter_class) -> None:
 
     async def look() -> None:
         async with running(adapter_class, context, port=0, truth=True):
-            assert context.wanted == {"rov/imu", "rov/truth/pose", "rov/truth/velocity"}
-            assert [list(subscriber.wanted) for subscriber in context.subscribers] == [[]]
+            assert context.subscriptions == {"rov/imu", "rov/truth/pose", "rov/truth/velocity"}
+            assert [list(subscriber.subscriptions) for subscriber in context.subscribers] == [[]]
 
     asyncio.run(look())
-    assert context.wanted == frozenset()
+    assert context.subscriptions == frozenset()
 
 
 @pytest.mark.parametrize("adapter_class", [ArduPilotAdapter, Px4Adapter])

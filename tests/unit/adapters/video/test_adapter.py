@@ -101,11 +101,11 @@ def kinds(packets: list[bytes]) -> set[int]:
 def test_nothing_is_encoded_for_nobody_and_once_for_many():
     async def whole() -> None:
         async with serving(streams={"front": FRONT}) as fake, AsyncExitStack() as stack:
-            assert fake.wanted == frozenset()
+            assert fake.subscriptions == frozenset()
             players = [await Player.connect(fake, stack) for _ in range(5)]
             for player in players:
                 await player.play()
-            assert fake.wanted == {"rov/camera"}
+            assert fake.subscriptions == {"rov/camera"}
             for number in range(3):
                 fake.put([sample(number), replace(sample(number), port="rov/depth")])
                 found = [await player.picture() for player in players]
@@ -113,10 +113,10 @@ def test_nothing_is_encoded_for_nobody_and_once_for_many():
             assert (fake.stats.encoded, fake.stats.samples_sent) == (3, 15)
             for player in players[:3]:
                 assert (await player.ask("TEARDOWN"))[0] == 200
-            assert fake.wanted == {"rov/camera"}
+            assert fake.subscriptions == {"rov/camera"}
             players[3].writer.transport.abort()
             players[4].writer.close()
-            await until(lambda: fake.wanted == frozenset())
+            await until(lambda: fake.subscriptions == frozenset())
             assert fake.stats.peers == 3
 
     bounded(whole())
@@ -136,7 +136,7 @@ def test_a_stream_with_a_target_always_runs():
             port = transport.get_extra_info("sockname")[1]
             table = StreamTable(port="rov/camera", codec="jpeg", rtp=(f"127.0.0.1:{port}",))
             async with serving(streams={"front": table}, rtsp=False) as fake:
-                assert fake.wanted == {"rov/camera"}
+                assert fake.subscriptions == {"rov/camera"}
                 fake.put([sample(3)])
                 packets = [await came.get()]
                 while not packets[-1][1] & 0x80:
@@ -380,11 +380,11 @@ def test_a_paused_world_ends_no_player_that_reads(reads):
                 number += 1
             if reads:
                 await asyncio.sleep(2.5)  # the world is paused
-                assert fake.wanted
+                assert fake.subscriptions
                 fake.put([sample(number)])
                 assert await player.picture()
             else:
-                await until(lambda: not fake.wanted)
+                await until(lambda: not fake.subscriptions)
                 assert fake.stats.details["refused"]["silent"] == 1
 
     bounded(whole())
@@ -415,11 +415,11 @@ def test_datagrams_end_when_their_client_falls_silent(speaks):
                 fake.put([sample(0)])
                 await until(lambda: came)
                 began = loop.time()
-                while fake.wanted and (loop.time() - began < 3.0 or not speaks):
+                while fake.subscriptions and (loop.time() - began < 3.0 or not speaks):
                     if speaks:
                         reports.sendto(b"\x80\xc9\x00\x01abcd", ("127.0.0.1", ours[1]))
                     await asyncio.sleep(0.1)
-                assert bool(fake.wanted) is speaks
+                assert bool(fake.subscriptions) is speaks
                 if not speaks:
                     assert await player.reader.read() == b""
                     assert fake.stats.details["refused"] == {"silent": 1}
@@ -493,7 +493,7 @@ def test_ports_that_come_and_go_have_streams_where_no_table_names_them():
                 fake.put([sample(number, name, shown)])
                 assert await other.picture()
             fake.set_ports([DEPTH])
-            await until(lambda: fake.wanted == frozenset())
+            await until(lambda: fake.subscriptions == frozenset())
             fake.say(Event("reset", 0, 0, "again"))
 
     bounded(whole())

@@ -78,7 +78,7 @@ def test_nothing_is_looked_at_while_no_page_draws() -> None:
             asked = stage.context.scene_requests
             await asyncio.sleep(0.3)
             assert stage.context.scene_requests <= asked + 1
-        assert stage.context.wanted == frozenset()
+        assert stage.context.subscriptions == frozenset()
 
     play(scene)
 
@@ -226,9 +226,9 @@ def test_after_the_last_viewer_no_pictures_are_made() -> None:
     async def scene(stage: Stage) -> None:
         async with stage.page() as page:
             await ask(page, "view", pictures=["rov/sonar"])
-            assert stage.context.wanted == {"rov/sonar"}
+            assert stage.context.subscriptions == {"rov/sonar"}
         for _ in range(6000):
-            if stage.context.wanted == frozenset():
+            if stage.context.subscriptions == frozenset():
                 return
             await asyncio.sleep(0.01)
         raise AssertionError("the sonar is still wanted")
@@ -262,7 +262,7 @@ def test_a_row_of_sonar_comes_as_bytes_and_the_next_one_when_it_was_seen() -> No
     async def scene(stage: Stage) -> None:
         async with stage.page() as page:
             number = (await ask(page, "view", pictures=["rov/sonar"]))["result"]["pictures"]["rov/sonar"]
-            assert stage.context.wanted == {"rov/sonar"}
+            assert stage.context.subscriptions == {"rov/sonar"}
             for seq in range(5):
                 stage.context.put([ping(seq)])
             frame = await frame_of(page)
@@ -274,7 +274,7 @@ def test_a_row_of_sonar_comes_as_bytes_and_the_next_one_when_it_was_seen() -> No
             stage.context.put([ping(9)])
             assert (await frame_of(page))[24] == 9, "what came meanwhile is not sent late"
             await ask(page, "view", pictures=[])
-            assert stage.context.wanted == frozenset()
+            assert stage.context.subscriptions == frozenset()
 
     play(scene, with_sonar())
 

@@ -221,13 +221,13 @@ def test_who_dials_in_and_reverses_reads_samples_with_their_time(carrier: str) -
     async def story(context: FakeContext, server: NameServer) -> None:
         async with serving(table(server), context) as port:
             client = await Client.binary(port("rov/depth:o"), READERS[carrier])
-            assert context.wanted == frozenset()
+            assert context.subscriptions == frozenset()
             client.writer.write(
                 bytes.fromhex("59410a0000005250 0101ffffffffffffffff 08000000 00000000 000000007e720001")
             )
             if carrier == "tcp":
                 assert await client.reader.readexactly(8) == b"YA\0\0\0\0RP"
-            await until(lambda: context.wanted == {DEPTH.path})
+            await until(lambda: context.subscriptions == {DEPTH.path})
             context.emit()
             context.emit()
             command, bottle = await client.message()
@@ -245,7 +245,7 @@ def test_who_dials_in_and_reverses_reads_samples_with_their_time(carrier: str) -
             )
             assert (await client.message())[0].endswith(b"D 1 0.008\0")
             client.close()
-            await until(lambda: context.wanted == frozenset())
+            await until(lambda: context.subscriptions == frozenset())
 
     run(story)
 
@@ -257,7 +257,7 @@ def test_vectors_are_for_readers_of_yarp_sig() -> None:
             client.writer.write(
                 bytes.fromhex("59410a0000005250 0101ffffffffffffffff 08000000 00000000 000000007e720001")
             )
-            await until(lambda: context.wanted)
+            await until(lambda: context.subscriptions)
             context.emit()
             _, bottle = await client.message()
             assert struct.unpack("<ii7d", bottle) == (276, 7, 0.0, 1.0, 2.0, 100.0, 101.0, 102.0, 200.0)
@@ -322,7 +322,7 @@ def test_the_clock_tells_the_time_of_the_simulation() -> None:
             client = await Client.text(port("clock"))
             client.writer.write(b"r\r\n")
             await client.reader.readline()
-            await until(lambda: context.wanted == {IMU.path})  # the quickest
+            await until(lambda: context.subscriptions == {IMU.path})  # the quickest
             for _ in range(4):
                 context.emit()
             said = [await client.reader.readline() for _ in range(4)]
@@ -453,14 +453,14 @@ def test_yarp_connect_and_disconnect(carrier: str, greeting: bytes, first: bytes
             )
             assert await admin.ask("a", "[list] [out]") == '"/r"'
             assert f"(carrier {carrier})" in await admin.ask("a", "[list] [out] /r")
-            assert context.wanted == {IMU.path}
+            assert context.subscriptions == {IMU.path}
             context.emit()
             await until(lambda: b"f_S" in sink.came)
             assert sink.came.startswith(first)
             assert (await admin.ask("a", "[del] /r")).startswith('0 "Removed connection')
             await until(lambda: sink.ended)
             assert await admin.ask("a", "[list] [out]") == ""
-            assert context.wanted == frozenset()
+            assert context.subscriptions == frozenset()
             admin.close()
         theirs.close()
         await theirs.wait_closed()
@@ -524,7 +524,7 @@ def test_who_greets_nobody_hears_no_sample(monkeypatch: pytest.MonkeyPatch) -> N
         async with serving(table(server), context) as port:
             admin = await Client.text(port("rov/imu:o"))
             assert "did not answer" in await admin.ask("a", "[add] /r text")
-            assert context.wanted == frozenset()
+            assert context.subscriptions == frozenset()
             await until(lambda: sink.ended)
             assert sink.came == b"CONNECT /uwserver/rov/imu:o\r\n"
             admin.close()

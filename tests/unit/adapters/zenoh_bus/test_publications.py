@@ -53,27 +53,27 @@ def test_the_world_is_told_what_is_subscribed_to(monkeypatch: pytest.MonkeyPatch
         publications = Publications(context, session, KeyScheme("uw", "s"), Codec("json"), Mock())
         publications.open()
         context.attach(publications)
-        assert context.wanted == frozenset()
-        follow = Mock(wraps=context.follow_wants)
-        monkeypatch.setattr(context, "follow_wants", follow)
+        assert context.subscriptions == frozenset()
+        follow = Mock(wraps=context.subscriptions_changed)
+        monkeypatch.setattr(context, "subscriptions_changed", follow)
         for path in ("rov/imu", "rov/depth"):
             await asyncio.to_thread(session.subscribe, path)
         await asyncio.sleep(0)
-        assert context.wanted == {"rov/imu", "rov/depth"}
+        assert context.subscriptions == {"rov/imu", "rov/depth"}
         await asyncio.to_thread(session.subscribe, "rov/imu", False)
         await asyncio.sleep(0)
-        assert context.wanted == {"rov/depth"}
+        assert context.subscriptions == {"rov/depth"}
         session.heard["rov/imu"] = True  # its listener is late
         publications.refresh_matching()
-        assert context.wanted == {"rov/imu", "rov/depth"}, "at once: an answer may follow"
+        assert context.subscriptions == {"rov/imu", "rov/depth"}, "at once: an answer may follow"
         calls = follow.call_count
         publications.refresh_matching()
         assert follow.call_count == calls, "nothing is new"
         session.heard["rov2/depth"] = True  # subscribed to before it is there
         context.set_ports([DEPTH, THRUSTERS, replace(DEPTH, path="rov2/depth")])
-        assert context.wanted == {"rov/depth", "rov2/depth"}
+        assert context.subscriptions == {"rov/depth", "rov2/depth"}
         context.set_ports([IMU])
-        assert context.wanted == {"rov/imu"}
+        assert context.subscriptions == {"rov/imu"}
         publications.put_event(Event("paused", 0, 0, ""))
 
     asyncio.run(scene())

@@ -70,7 +70,7 @@ async def test_what_is_heard_goes_to_all_in_pieces(bench):
         first, second = station.of("TUNNEL")
         assert (first.payload_type, first.payload_length, second.payload_length) == (32768 + 7, 128, 2)
         assert bytes(first.payload[:128]) + bytes(second.payload[:2]) == long
-    assert "rov/modem/received" in bench.router.wanted
+    assert "rov/modem/received" in bench.router.subscriptions
 
 
 async def test_without_a_modem_it_is_counted(make_bench):

@@ -77,7 +77,7 @@ async def test_what_cannot_be_sent_is_told(name, value, text):
 
 def test_what_is_heard_is_told_data_last():
     bench = Bench(publish=())
-    assert "auv/modem/received" in bench.bridge.wanted
+    assert "auv/modem/received" in bench.bridge.subscriptions
     bench.bridge.put_samples([heard("data", b"hello")])
     told = [pair for pair in bench.posts if pair[0].startswith("ACOMMS")]
     assert told == [

@@ -309,17 +309,17 @@ def test_the_set_can_come_from_sensors(make):
 
 
 def test_the_world_is_told_what_becomes_a_variable(make):
-    assert set(make().bridge.wanted) == {POSE, VELOCITY, DEPTH, ALTIMETER}
-    assert set(make(publish=("auv/d*", "*/altimeter")).bridge.wanted) == {ALTIMETER}
-    assert set(make(publish=()).bridge.wanted) == set()
+    assert set(make().bridge.subscriptions) == {POSE, VELOCITY, DEPTH, ALTIMETER}
+    assert set(make(publish=("auv/d*", "*/altimeter")).bridge.subscriptions) == {ALTIMETER}
+    assert set(make(publish=()).bridge.subscriptions) == set()
     sensors = NavTable(position="", velocity="", attitude="", depth="depth", ground_truth=True)
-    assert set(make(publish=(), nav=sensors).bridge.wanted) == {DEPTH, POSE, VELOCITY}
+    assert set(make(publish=(), nav=sensors).bridge.subscriptions) == {DEPTH, POSE, VELOCITY}
     bench = make(publish=(), nav=NavTable(depth="depth"))
     ports = bench.context.ports
     for there in (True, False, True):
         bench.context.set_ports([port for port in ports.values() if there or port.path != DEPTH])
         bench.bridge.put_event(Event("ports_changed", 0, 0, ""))
-        assert (DEPTH in bench.bridge.wanted) == there
+        assert (DEPTH in bench.bridge.subscriptions) == there
 
 
 async def test_who_publishes_nothing_knows_the_time_all_the_same(make):

@@ -88,12 +88,12 @@ async def test_any_start_order(database, join, connect, until):
     async with join(port) as context:
         assert context.stats.state == "running"
         await until(lambda: "it is tried again" in context.stats.last_error, "told that nobody is there")
-        assert context.wanted == frozenset(), "nobody hears it"
+        assert context.subscriptions == frozenset(), "nobody hears it"
         async with database(port):
             await until(lambda: context.stats.peers == 1, "joined")
-            assert "auv/truth/pose" in context.wanted
+            assert "auv/truth/pose" in context.subscriptions
         await until(lambda: context.stats.peers == 0, "noticed")
-        assert context.wanted == frozenset()
+        assert context.subscriptions == frozenset()
 
 
 async def test_after_a_restart_of_the_database_all_is_as_before(database, join, connect, until):

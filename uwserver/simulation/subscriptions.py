@@ -13,7 +13,7 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 
-class Wanted:
+class Subscriptions:
     """The ports of which samples are made: those that a reader subscribes to, and those that the readers do not know of yet.
 
     So no sample of a new body is lost while readers hear of its ports. Never changed, as the simulation thread reads it.
@@ -32,16 +32,16 @@ class Wanted:
         return path in self._paths or path not in self.known
 
 
-def together(readers: Sequence[object]) -> frozenset[str] | None:
-    """Return the paths that readers subscribe to; None for all, as a reader without `wanted` reads all."""
-    wanted = [_wanted_by(reader) for reader in readers]
-    some = [paths for paths in wanted if paths is not None]
-    return frozenset().union(*some) if len(some) == len(wanted) else None
+def merged(readers: Sequence[object]) -> frozenset[str] | None:
+    """Return the paths that readers subscribe to; None for all, as a reader without `subscriptions` reads all."""
+    subscriptions = [_subscriptions_of(reader) for reader in readers]
+    some = [paths for paths in subscriptions if paths is not None]
+    return frozenset().union(*some) if len(some) == len(subscriptions) else None
 
 
-def wants_any(reader: object) -> bool:
+def subscribes_any(reader: object) -> bool:
     """Return whether a reader subscribes to any samples."""
-    return _wanted_by(reader) != frozenset()
+    return _subscriptions_of(reader) != frozenset()
 
 
 def merged_decimations(readers: Sequence[object], paths: Collection[str]) -> Decimations:
@@ -49,18 +49,18 @@ def merged_decimations(readers: Sequence[object], paths: Collection[str]) -> Dec
     decimations: dict[str, frozenset[Decimation]] = {}
     whole: set[str] = set()
     for reader in readers:
-        wanted, less = (
-            _wanted_by(reader) or frozenset(),
+        subscriptions, less = (
+            _subscriptions_of(reader) or frozenset(),
             _attribute(reader, "decimations", dict[str, Collection[Decimation]]) or EVERY_SAMPLE,
         )
-        whole |= wanted - less.keys()
-        for path in wanted & less.keys():
+        whole |= subscriptions - less.keys()
+        for path in subscriptions & less.keys():
             decimations[path] = decimations.get(path, frozenset()).union(less[path])
     return {path: some for path, some in decimations.items() if some and path in paths and path not in whole}
 
 
-def _wanted_by(reader: object) -> frozenset[str] | None:
-    return _attribute(reader, "wanted", frozenset[str])
+def _subscriptions_of(reader: object) -> frozenset[str] | None:
+    return _attribute(reader, "subscriptions", frozenset[str])
 
 
 def _attribute(reader: object, name: str, kind: Callable[[Any], T]) -> T | None:

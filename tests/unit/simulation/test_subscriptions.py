@@ -1,4 +1,4 @@
-"""What all readers want together: as much as the one that wants most."""
+"""What all readers subscribe to together: as much as the one that subscribes to most."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from typing import Any
 import pytest
 
 from uwserver.ports.decimation import EVERY_SAMPLE, Decimation
-from uwserver.simulation.wants import Wanted, merged_decimations, together
+from uwserver.simulation.subscriptions import Subscriptions, merged, merged_decimations
 
 SLOW, SLOWER = Decimation(10.0, 0), Decimation(1.0, 5)
 
 
-def reader(*wanted: str, **decimations: tuple[Decimation, ...]) -> Any:
-    return SimpleNamespace(wanted=wanted, decimations=decimations)
+def reader(*subscriptions: str, **decimations: tuple[Decimation, ...]) -> Any:
+    return SimpleNamespace(subscriptions=subscriptions, decimations=decimations)
 
 
 def test_who_says_nothing_wants_all() -> None:
-    assert together([reader("a"), object()]) is None
-    assert together([reader("a"), reader("b", "a")]) == {"a", "b"}
-    assert together([]) == frozenset()
+    assert merged([reader("a"), object()]) is None
+    assert merged([reader("a"), reader("b", "a")]) == {"a", "b"}
+    assert merged([]) == frozenset()
 
 
 def test_what_one_wants_whole_is_not_decimated_and_of_others_all_count() -> None:
@@ -31,12 +31,12 @@ def test_what_one_wants_whole_is_not_decimated_and_of_others_all_count() -> None
 
 def test_what_nobody_wants_is_not_told_of() -> None:
     assert merged_decimations([reader("a", a=(SLOW,), z=(SLOW,))], {"a"}) == {"a": {SLOW}}
-    assert merged_decimations([reader("a", "b", a=())], {"a", "b"}) == {}, "without any, all are wanted"
+    assert merged_decimations([reader("a", "b", a=())], {"a", "b"}) == {}, "without any, all are needed"
 
 
 def test_one_that_cannot_tell_gets_all(caplog: pytest.LogCaptureFixture) -> None:
     class Broken:
-        wanted = ("a", "b")
+        subscriptions = ("a", "b")
 
         @property
         def decimations(self) -> Any:
@@ -48,8 +48,8 @@ def test_one_that_cannot_tell_gets_all(caplog: pytest.LogCaptureFixture) -> None
 
 
 def test_ports_that_readers_have_not_heard_of_are_wanted() -> None:
-    wanted = Wanted({"a"}, {"a", "b"})
-    assert "a" in wanted
-    assert "b" not in wanted
-    assert "new" in wanted
-    assert (wanted.jumps, wanted.decimations) == (0, EVERY_SAMPLE)
+    subscriptions = Subscriptions({"a"}, {"a", "b"})
+    assert "a" in subscriptions
+    assert "b" not in subscriptions
+    assert "new" in subscriptions
+    assert (subscriptions.jumps, subscriptions.decimations) == (0, EVERY_SAMPLE)
