@@ -34,7 +34,7 @@ from uwserver.adapter.contract import (
     installed_adapters,
     load_adapter,
 )
-from uwserver.adapter.conversation import UNANSWERED, Conversation, OnAnswer, Owed
+from uwserver.adapter.conversation import UNANSWERED, Conversation, InFlightLimit, OnAnswer
 from uwserver.adapter.foreign import REFUSALS, FirstBytes, http_answer
 from uwserver.adapter.framing import EncodingName, Frames, Lines, TooLong, Undecodable, decode, frame, line
 from uwserver.adapter.limits import RateMeter, TurnTimes, within
@@ -117,7 +117,7 @@ __all__ = [
     "OpenTable",
     "Order",
     "Origin",
-    "Owed",
+    "InFlightLimit",
     "Peer",
     "Peers",
     "RateMeter",

@@ -110,9 +110,9 @@ class Connection(asyncio.Protocol):
             self._asked.half_close()
 
     @property
-    def is_owed(self) -> bool:
+    def has_pending_output(self) -> bool:
         """Whether the peer may still get something although it asks for nothing more. By default: an answer of its conversation."""
-        return self._asked is not None and self._asked.owed.count > 0
+        return self._asked is not None and self._asked.in_flight.count > 0
 
     def missed(self) -> None:
         """Refuse a peer that was not admitted in time."""
@@ -213,7 +213,7 @@ class Connection(asyncio.Protocol):
 
     def finish_if_done(self) -> None:
         """Close the connection if the peer asks for nothing more and is owed nothing."""
-        if self.is_half_open and not self.is_closing and self._turn is None and not self.is_owed:
+        if self.is_half_open and not self.is_closing and self._turn is None and not self.has_pending_output:
             self.close()
 
     def _begin_closing(self, linger_s: float | None = None) -> None:

@@ -25,16 +25,16 @@ OnAnswer = Callable[[Reply], None]
 OnProgress = Callable[[Progress], None]
 
 
-class Owed:
+class InFlightLimit:
     """Counts the commands and calls that wait for the world, of one conversation or of several that share a limit.
 
     Attributes:
-        most: how many may wait.
+        limit: how many may wait.
         count: how many wait.
     """
 
-    def __init__(self, most: int = UNANSWERED) -> None:
-        self.most = most
+    def __init__(self, limit: int = UNANSWERED) -> None:
+        self.limit = limit
         self.count = 0
 
     def add(self, is_stop: bool = False) -> None:
@@ -43,7 +43,7 @@ class Owed:
         Raises:
             Refused: too many wait already.
         """
-        if self.count >= self.most + (STOPS if is_stop else 0):
+        if self.count >= self.limit + (STOPS if is_stop else 0):
             raise Refused("overload", f"{self.count} commands and calls wait for their answer: wait for some of them")
         self.count += 1
 
@@ -54,20 +54,20 @@ class Conversation:
     Args:
         context: the context of the adapter.
         source: name of the peer among the peers of this adapter, for the world.
-        owed: counts what waits; by default the conversation has a limit of its own.
+        in_flight: counts what waits; by default the conversation has a limit of its own.
         queue: name of the queue in which its commands and calls wait for their tick, for several conversations that share a source.
 
     Attributes:
         source: the given name; it may be changed when the peer has said its own name.
         client: name with which the peer joined the lockstep barrier; "" before.
-        owed: the count of what waits.
+        in_flight: the count of what waits.
         is_closed: whether the peer has left; then nothing is answered any more.
     """
 
-    def __init__(self, context: AdapterContext, source: str, owed: Owed | None = None, queue: str = "") -> None:
+    def __init__(self, context: AdapterContext, source: str, in_flight: InFlightLimit | None = None, queue: str = "") -> None:
         self.source = source
         self.client = ""
-        self.owed = owed or Owed()
+        self.in_flight = in_flight or InFlightLimit()
         self.is_closed = False
         self._context = context
         self._queue = queue
@@ -87,19 +87,19 @@ class Conversation:
         Raises:
             Refused: see `AdapterContext.command`; also if too many wait. Then `answer` is not called.
         """
-        owed = self.owed
+        in_flight = self.in_flight
         self._context.stats.commands += 1
-        owed.add()
+        in_flight.add()
 
         def on_reply(outcome: Reply | Progress) -> None:
-            owed.count -= 1
+            in_flight.count -= 1
             if answer is not None and not self.is_closed and isinstance(outcome, Reply):
                 answer(outcome)
 
         try:
             self._context.command(port, value, source or self.source, on_reply, self._queue)
         except BaseException:
-            owed.count -= 1
+            in_flight.count -= 1
             raise
 
     def call(
@@ -131,7 +131,7 @@ class Conversation:
         """
         context, running = self._context, _Running(self, key, answer, progress)
         context.stats.calls += 1
-        self.owed.add(is_stop(service))
+        self.in_flight.add(is_stop(service))
         self._running.setdefault(running.key, []).append(running)
         try:
             running.cancel = context.call(
@@ -175,7 +175,7 @@ class Conversation:
 
     def ended(self, running: _Running) -> None:
         """Forget a call that has ended."""
-        self.owed.count -= 1
+        self.in_flight.count -= 1
         alike = self._running[running.key]
         alike.remove(running)
         if not alike:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, Protocol
 
-from uwserver.adapter import AdapterContext, Conversation, Owed, RateMeter, Refusals, did_you_mean
+from uwserver.adapter import AdapterContext, Conversation, InFlightLimit, RateMeter, Refusals, did_you_mean
 from uwserver.ports import Fault, Refused, Reply
 from uwserver_adapters.foxglove import codec
 from uwserver_adapters.foxglove.catalogue import SCENE, Catalogue, parameters_of
@@ -69,7 +69,7 @@ class Client:
         self._channel_of: dict[int, int] = {}
         self._publishes: dict[int, str] = {}
         self._rate = RateMeter(server.config.max_requests_per_s)
-        self._asked = Conversation(server.context, name, Owed(server.config.max_unanswered))
+        self._asked = Conversation(server.context, name, InFlightLimit(server.config.max_unanswered))
         self._loop = asyncio.get_running_loop()
 
     def close(self) -> None:

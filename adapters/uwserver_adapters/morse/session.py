@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from uwserver.adapter import Conversation, Owed, did_you_mean
+from uwserver.adapter import Conversation, InFlightLimit, did_you_mean
 from uwserver.ports import Json, Refused, Reply, Sample, Service
 from uwserver_adapters.morse import codec
 from uwserver_adapters.morse.components import GOTO, Component
@@ -36,7 +36,7 @@ class Session:
         self._stage = stage
         self._context = stage.context
         self._send = send
-        self.conversation = Conversation(stage.context, name, Owed(most))
+        self.conversation = Conversation(stage.context, name, InFlightLimit(most))
         simulation: dict[str, Callable[[Request], None]] = {
             "list_robots": lambda request: self._give(request, [each.name for each in self._context.world.vehicles]),
             "details": lambda request: self._give(request, self._stage.details),

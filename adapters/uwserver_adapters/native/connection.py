@@ -141,9 +141,9 @@ class NativeConnection(OutboxConnection):
             self._session.conversation.leave()
 
     @property
-    def is_owed(self) -> bool:
+    def has_pending_output(self) -> bool:
         """Whether the peer may still get something although it asks for nothing more."""
-        return not self._outbox.is_empty or (self._session is not None and self._session.is_owed)
+        return not self._outbox.is_empty or (self._session is not None and self._session.has_pending_output)
 
     def close(self) -> None:
         """Send what the peer still takes, then close the connection."""

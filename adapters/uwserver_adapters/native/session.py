@@ -7,7 +7,7 @@ import logging
 from collections.abc import Callable
 from typing import NamedTuple
 
-from uwserver.adapter import UNANSWERED, Conversation, Owed
+from uwserver.adapter import UNANSWERED, Conversation, InFlightLimit
 from uwserver.ports import Fault, Json, Progress, Reply
 from uwserver_adapters.native.codec import Codec
 from uwserver_adapters.native.fanout import Fanout
@@ -67,7 +67,7 @@ class Session:
         self.fanout = fanout
         self.allowance = allowance
         self.context = fanout.context
-        self.conversation = Conversation(self.context, str(serial), Owed(allowance.unanswered))
+        self.conversation = Conversation(self.context, str(serial), InFlightLimit(allowance.unanswered))
         self.admitted = False
         self.greeted = False
         self.subscriptions: dict[int, Subscription] = {}
@@ -94,9 +94,9 @@ class Session:
             self.admit()
 
     @property
-    def is_owed(self) -> bool:
+    def has_pending_output(self) -> bool:
         """Whether the client may still get something without a further request."""
-        return self.conversation.owed.count > 0 or bool(self.subscriptions)
+        return self.conversation.in_flight.count > 0 or bool(self.subscriptions)
 
     # -- answers --------------------------------------------------------------------------------------------------------------------
 

@@ -124,7 +124,7 @@ class Peer(Connection):
         return True
 
     @property
-    def is_owed(self) -> bool:
+    def has_pending_output(self) -> bool:
         """Whether an answer is to come."""
         return self._answering
 

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable, Mapping
 from functools import partial
 
-from uwserver.adapter import Conversation, Owed, Undecodable, did_you_mean
+from uwserver.adapter import Conversation, InFlightLimit, Undecodable, did_you_mean
 from uwserver.ports import Refused, Reply
 from uwserver_adapters.native.outbox import Outgoing
 from uwserver_adapters.ros.feed import call, command
@@ -64,7 +64,7 @@ class Session:
         self.name = f"/rosbridge_client_{serial}"
         self._hub, self._rosapi, self._outbox, self._wake = hub, rosapi, outbox, wake
         source = f"{hub.context.name}:{serial}"
-        self._conversation = Conversation(hub.context, source, Owed(hub.config.max_unanswered))
+        self._conversation = Conversation(hub.context, source, InFlightLimit(hub.config.max_unanswered))
         self._parameters = Parameters(self._conversation, lambda: hub.feed.catalogue.settings)
         self._subscriptions: dict[str, Subscription] = {}
         self._room = Room(hub.config.queue_bytes)
@@ -302,10 +302,10 @@ class Session:
 
             call(self._conversation, offer, arguments(types, f"{offer.type}_Request", args), told)
         elif served is not None:
-            self._conversation.owed.add()
+            self._conversation.in_flight.add()
 
             def passed(result: bool, values: object) -> None:
-                self._conversation.owed.count -= 1
+                self._conversation.in_flight.count -= 1
                 if not self._conversation.is_closed:
                     respond(result, values)
 

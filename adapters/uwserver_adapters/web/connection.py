@@ -141,9 +141,9 @@ class WebConnection(NativeConnection):
         self._ends_with_peer = self.transport.get_extra_info("sslcontext") is not None
 
     @property
-    def is_owed(self) -> bool:
+    def has_pending_output(self) -> bool:
         """Whether anything may still be sent."""
-        return self._is_answering or super().is_owed
+        return self._is_answering or super().has_pending_output
 
     # -- live data ------------------------------------------------------------------------------------------------------------------
 

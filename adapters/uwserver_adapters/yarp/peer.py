@@ -103,7 +103,7 @@ class Peer(Connection):
         return True
 
     @property
-    def is_owed(self) -> bool:
+    def has_pending_output(self) -> bool:
         """Whether an answer is to come."""
         return self._is_answering
 

@@ -14,7 +14,7 @@ from uwserver.adapter import (
     BackgroundWork,
     Conversation,
     EncodingName,
-    Owed,
+    InFlightLimit,
     Refusals,
     SampleForm,
     did_you_mean,
@@ -107,8 +107,8 @@ class Requests:
         self._default: EncodingName = default
         self._call_timeout_s, self._tell, self._refresh_matching = call_timeout_s, tell, refresh_matching
         self._background = BackgroundWork()
-        self._owed = Owed()
-        self._strangers = Conversation(context, UNNAMED, self._owed)
+        self._in_flight = InFlightLimit()
+        self._strangers = Conversation(context, UNNAMED, self._in_flight)
         self._clients: dict[str, Conversation] = {}
         self._refusals = Refusals(context.name, context.stats, asyncio.get_running_loop().time)
 
@@ -324,7 +324,7 @@ class Requests:
         self.client_left(client)
         if len(self._clients) >= CLIENTS:
             raise Refused("overload", f"{CLIENTS} named clients are the most there can be")
-        conversation = Conversation(self._context, client, self._owed)
+        conversation = Conversation(self._context, client, self._in_flight)
         if name is not None:
             conversation.join(name)
         self._clients[client] = conversation

@@ -41,7 +41,7 @@ class Echo(Connection):
         return line is not None
 
     @property
-    def is_owed(self) -> bool:
+    def has_pending_output(self) -> bool:
         return self.owes > 0
 
     def quiet_until(self) -> float:

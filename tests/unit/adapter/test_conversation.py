@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from uwserver.adapter import Conversation, Owed
+from uwserver.adapter import Conversation, InFlightLimit
 from uwserver.adapter.conversation import STOPS
 from uwserver.ports import Progress, Refused, Reply
 from uwserver.testing import FakeContext
@@ -20,9 +20,9 @@ U = {"u": [0.0] * 8}
 class Talk:
     """A conversation and what it heard."""
 
-    def __init__(self, owed: Owed | None = None) -> None:
+    def __init__(self, in_flight: InFlightLimit | None = None) -> None:
         self.context = FakeContext(held={LONG})
-        self.conversation = Conversation(self.context, "peer 1", owed)
+        self.conversation = Conversation(self.context, "peer 1", in_flight)
         self.replies: list[Reply] = []
         self.progress: list[Progress] = []
 
@@ -47,12 +47,12 @@ def test_a_command_has_one_answer_and_a_source():
         talk.conversation.command("rov/thrusters", U, talk.replies.append)
         talk.conversation.command("rov/thrusters", U, talk.replies.append, source="another")
         talk.conversation.command("rov/thrusters", U)
-        assert talk.conversation.owed.count == 3
+        assert talk.conversation.in_flight.count == 3
         await asyncio.sleep(0)
         assert talk.codes == ["", ""]
         assert [command.source for command in talk.context.commands] == ["peer 1", "another", "peer 1"]
         assert talk.context.stats.commands == 3
-        assert talk.conversation.owed.count == 0
+        assert talk.conversation.in_flight.count == 0
 
     within_loop(scene)
 
@@ -62,7 +62,7 @@ def test_what_only_reads_is_answered_at_once():
         talk.call("world/status", key=1)
         assert talk.codes == [""]
         assert not talk.conversation.is_running(1)
-        assert talk.conversation.owed.count == 0
+        assert talk.conversation.in_flight.count == 0
 
     within_loop(scene)
 
@@ -75,7 +75,7 @@ def test_what_is_refused_or_fails_is_not_owed(service: str):
             talk.call(service, key=1)
         with pytest.raises(Refused):
             talk.conversation.command("rov/imu", U, talk.replies.append)
-        assert talk.conversation.owed.count == 0
+        assert talk.conversation.in_flight.count == 0
         assert not talk.conversation.is_running(1)
         assert talk.replies == []
 
@@ -84,7 +84,7 @@ def test_what_is_refused_or_fails_is_not_owed(service: str):
 
 def test_a_stop_has_places_of_its_own_when_too_many_wait():
     async def scene(_: Talk) -> None:
-        talk = Talk(Owed(1))
+        talk = Talk(InFlightLimit(1))
         talk.call(key=1)
         for _ in range(STOPS):
             talk.conversation.call("world/pause", {}, talk.replies.append)
@@ -97,8 +97,8 @@ def test_a_stop_has_places_of_its_own_when_too_many_wait():
 
 def test_too_many_wait_also_when_conversations_share_the_limit():
     async def scene(_: Talk) -> None:
-        owed = Owed(2)
-        first, second = Talk(owed), Talk(owed)
+        in_flight = InFlightLimit(2)
+        first, second = Talk(in_flight), Talk(in_flight)
         first.call(key=1)
         second.call(key=1)
         for talk in (first, second):
@@ -109,7 +109,7 @@ def test_too_many_wait_also_when_conversations_share_the_limit():
                 talk.conversation.command("rov/thrusters", U)
         first.context.calls[0].finish(Reply(1, 4))
         second.call()
-        assert owed.count == 2
+        assert in_flight.count == 2
 
     within_loop(scene)
 
@@ -124,7 +124,7 @@ def test_a_call_is_cancelled_by_its_key():
         assert not talk.conversation.cancel(None), "a call without a key cannot be cancelled"
         assert talk.conversation.cancel("b")
         assert talk.codes == ["preempted"] * 3
-        assert talk.conversation.owed.count == 1
+        assert talk.conversation.in_flight.count == 1
 
     within_loop(scene)
 
@@ -171,7 +171,7 @@ def test_who_cannot_be_cancelled_in_time_is_answered_all_the_same_once():
             await asyncio.sleep(0)
         talk.context.calls[0].finish(Reply(9, 9))
         assert talk.codes == ["timeout"]
-        assert talk.conversation.owed.count == 0
+        assert talk.conversation.in_flight.count == 0
 
     within_loop(scene)
 
@@ -191,7 +191,7 @@ def test_who_leaves_ends_its_long_calls_and_hears_nothing_more():
         await asyncio.sleep(0.01)
         assert talk.replies == []
         assert talk.progress == []
-        assert talk.conversation.owed.count == 0
+        assert talk.conversation.in_flight.count == 0
 
     within_loop(scene)
 

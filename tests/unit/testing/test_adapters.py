@@ -127,7 +127,7 @@ FAULTS = {
     "tells no time-out": ("self.refuse(reply.fault) if reply.fault", "None if reply.fault", "time_out", "the peer is not told"),
     "keeps all that is asked": (
         'Conversation(adapter.context, "")',
-        'Conversation(adapter.context, "", __import__("uwserver.adapter").adapter.Owed(10**9))',
+        'Conversation(adapter.context, "", __import__("uwserver.adapter").adapter.InFlightLimit(10**9))',
         "flood",
         "calls of one peer wait",
     ),

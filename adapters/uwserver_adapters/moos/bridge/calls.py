@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import msgspec
 from msgspec import Struct
 
-from uwserver.adapter import AdapterContext, Conversation, Owed, Undecodable, decode, json_member
+from uwserver.adapter import AdapterContext, Conversation, InFlightLimit, Undecodable, decode, json_member
 from uwserver.ports import Fault, Json, Refused, Reply
 
 TIMEOUT_S = 10.0
@@ -86,12 +86,12 @@ class Calls:
 
     def __init__(self, context: AdapterContext) -> None:
         self._stats = context.stats
-        self._peer = Conversation(context, "", Owed(OPEN))
+        self._peer = Conversation(context, "", InFlightLimit(OPEN))
 
     @property
     def waiting(self) -> int:
         """Number of calls that wait for their answer."""
-        return self._peer.owed.count
+        return self._peer.in_flight.count
 
     def take(self, text: str, source: str, answer: Callable[[Answer], None], refusal: Fault | None = None) -> None:
         """Begin a call, or answer why not.

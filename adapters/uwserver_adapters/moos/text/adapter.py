@@ -66,9 +66,9 @@ class TextConnection(Connection):
         return self.loop.time() + UNREAD_S if self._is_full else 0.0
 
     @property
-    def is_owed(self) -> bool:
+    def has_pending_output(self) -> bool:
         """Whether lines may still come for a user that sends nothing more (``echo LIST | nc -N``)."""
-        return bool(self._lines) or self._session.is_owed
+        return bool(self._lines) or self._session.has_pending_output
 
     def close(self) -> None:
         """Send all lines, then close."""

@@ -135,7 +135,7 @@ class TextSession:
         return True
 
     @property
-    def is_owed(self) -> bool:
+    def has_pending_output(self) -> bool:
         """Whether lines are still to come: answers, or variables to which the user has subscribed."""
         return bool(self._heard) or self._calls.waiting > 0
 

@@ -234,18 +234,18 @@ def _ask_within_limit(
     Raises:
         Refused: too much waits already.
     """
-    owed = conversation.owed
-    owed.add()
+    in_flight = conversation.in_flight
+    in_flight.add()
 
     def answered(what: Any) -> None:
-        owed.count -= 1
+        in_flight.count -= 1
         if not conversation.is_closed:
             told(what)
 
     try:
         ask(answered, conversation.source)
     except Refused:
-        owed.count -= 1
+        in_flight.count -= 1
         raise
 
 

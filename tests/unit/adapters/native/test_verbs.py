@@ -339,7 +339,7 @@ def test_a_fault_of_ours_is_told_and_logged(stage: Stage, encoding: str, caplog:
         theatre.context.scripts["world/status"] = lambda args: object()
         assert (await talker.fault("call", {"service": "world/status"}))[0] == "internal"
         assert await talker.result("ping", 5) == 5
-        assert talker.connection._session.conversation.owed.count == 0
+        assert talker.connection._session.conversation.in_flight.count == 0
 
     asyncio.run(scene())
     assert "our own fault" in caplog.text

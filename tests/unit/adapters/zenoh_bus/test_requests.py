@@ -282,7 +282,7 @@ def test_a_fault_of_ours_is_told(caplog):
         answers = desk.ask("world/status")
         assert [fault["code"] for fault in answers.faults] == ["internal"]
         assert answers.ends == 1
-        assert desk.requests._owed.count == 0
+        assert desk.requests._in_flight.count == 0
 
     within_loop(test)
 
@@ -298,7 +298,7 @@ def test_the_call_of_an_unnamed_caller_ends_with_its_time():
         await asyncio.sleep(0.2)
         assert longer.ends == 0
         assert desk.ask("world/run_until", b'{"t_s":5}', timeout_s="-1").faults[0]["where"] == "timeout_s"
-        assert desk.requests._owed.count == 1
+        assert desk.requests._in_flight.count == 1
 
     within_loop(test)
 

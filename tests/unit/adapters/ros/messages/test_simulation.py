@@ -61,7 +61,7 @@ class World:
             assert text in ("", response.result.error_message)
             assert text or response.result.result in (OK, 101)
         self.types.from_cdr(self.types.cdr(response), f"{offer.type}_Response")
-        assert self.conversation.owed.count == 0
+        assert self.conversation.in_flight.count == 0
         return response
 
     @property
@@ -258,7 +258,7 @@ async def test_features_are_what_there_is(world):
 
 @story()
 async def test_who_asks_for_too_much_waits(world):
-    world.conversation.owed.most = 0
+    world.conversation.in_flight.limit = 0
     offer, told = world.catalogue.offers["/uwserver/get_entities"], []
     request = world.types.make(f"{offer.type}_Request")
     call(world.conversation, offer, request, lambda *answer: told.append(answer))
