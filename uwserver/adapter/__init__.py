@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from uwserver.adapter.accepting import NO_DESCRIPTORS, Listener, note_no_descriptors, serve_tcp
+from uwserver.adapter.accepting import NO_DESCRIPTORS, TcpListener, note_no_descriptors, serve_tcp
 from uwserver.adapter.access import (
     LOCKOUT_S,
     TOKEN_VARIABLE,
@@ -108,7 +108,7 @@ __all__ = [
     "InOrder",
     "Inbox", "InputTurns",
     "Lines",
-    "Listener",
+    "TcpListener",
     "Lockout",
     "LogFile",
     "NodeTable",

@@ -39,7 +39,7 @@ class _Arrival:
 
     is_half_open = False
 
-    def __init__(self, listener: Listener, stream: socket.socket) -> None:
+    def __init__(self, listener: TcpListener, stream: socket.socket) -> None:
         self._listener = listener
         self._stream = stream
         self._has_begun = False
@@ -82,7 +82,7 @@ class _Arrival:
 
 
 @dataclass(eq=False)
-class Listener:
+class TcpListener:
     """Accepts connections on the sockets of one port.
 
     Attributes:
@@ -155,7 +155,7 @@ async def serve_tcp(
     rival: str = ANOTHER,
     tls: ssl.SSLContext | None = None,
     handshake_s: float = HANDSHAKE_S,
-) -> AsyncIterator[Listener]:
+) -> AsyncIterator[TcpListener]:
     """Serve TCP while the context is open, and then close all peers.
 
     Args:
@@ -164,13 +164,13 @@ async def serve_tcp(
         bind, port: the address; port 0 takes a free one.
         key: key of the adapter's table that sets the port.
         rival: the program that most likely has the port when it is in use.
-        tls, handshake_s: see `Listener`.
+        tls, handshake_s: see `TcpListener`.
 
     Raises:
         CannotListen: the address is not available.
     """
     try:
-        listener = Listener(await _bound(bind, port), make, peers, tls, handshake_s)
+        listener = TcpListener(await _bound(bind, port), make, peers, tls, handshake_s)
     except OSError as error:
         raise cannot_listen(error, bind, port, key=key, rival=rival) from error
     try:

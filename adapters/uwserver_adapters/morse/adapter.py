@@ -11,8 +11,8 @@ from uwserver.adapter import (
     AdapterBase,
     AdapterContext,
     CannotListen,
-    Listener,
     Peers,
+    TcpListener,
     address_text,
     serve_tcp,
     serving,
@@ -81,7 +81,7 @@ class MorseAdapter(AdapterBase[MorseConfig]):
         streams: dict[str, Json] = {**ports}
         self.context.stats.details["streams"] = streams
 
-    async def _listener(self, stack: contextlib.AsyncExitStack, name: str) -> Listener:
+    async def _listener(self, stack: contextlib.AsyncExitStack, name: str) -> TcpListener:
         make = partial(self._stream, name)
         for attempt in range(TRIES):
             port = self._next_port

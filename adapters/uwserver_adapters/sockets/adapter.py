@@ -9,9 +9,9 @@ from uwserver.adapter import (
     AdapterBase,
     AdapterContext,
     CannotListen,
-    Listener,
     Peer,
     Peers,
+    TcpListener,
     address_text,
     cannot_listen,
     host_here,
@@ -83,7 +83,7 @@ class SocketsAdapter(AdapterBase[SocketsConfig]):
                 if datagrams is not None:
                     await self._end_datagrams(datagrams)
 
-    async def _listen_for_datagrams(self, server: Listener, port: int) -> asyncio.DatagramTransport:
+    async def _listen_for_datagrams(self, server: TcpListener, port: int) -> asyncio.DatagramTransport:
         bind = self.config.bind
         # The address is that of TCP, for which a name was resolved.
         listener = server.sockets[0]

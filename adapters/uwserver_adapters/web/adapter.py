@@ -12,9 +12,9 @@ from uwserver.adapter import (
     AdapterContext,
     CannotListen,
     Decimations,
-    Listener,
     Peer,
     Peers,
+    TcpListener,
     address_text,
     host_here,
     is_loopback,
@@ -92,7 +92,7 @@ class WebAdapter(AdapterBase[WebConfig]):
         return f"{scheme}://{address_text(host_here(self.config.bind), port)}/"
 
     @contextlib.asynccontextmanager
-    async def _listening(self) -> AsyncIterator[Listener]:
+    async def _listening(self) -> AsyncIterator[TcpListener]:
         """Listen at the port, or at the first free one of several."""
         config = self.config
         tls = config.tls()

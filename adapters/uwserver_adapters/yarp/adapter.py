@@ -13,8 +13,8 @@ from uwserver.adapter import (
     AdapterBase,
     AdapterContext,
     CannotListen,
-    Listener,
     Peers,
+    TcpListener,
     address_text,
     may_connect,
     serve_tcp,
@@ -59,7 +59,7 @@ class YarpAdapter(AdapterBase[YarpConfig]):
         self._peers: Peers[Peer | Link] = Peers(
             config.max_clients, self.refusals, context.stats, strangers=config.max_strangers
         )
-        self._listeners: dict[str, Listener] = {}
+        self._listeners: dict[str, TcpListener] = {}
         self._registered: set[str] = set()
         self._gone: set[str] = set()
         self._heard: dict[str, list[YarpPort]] = {}
@@ -120,7 +120,7 @@ class YarpAdapter(AdapterBase[YarpConfig]):
         self._follow()
         self.context.stats.details["ports"] = {name: each.port for name, each in self._listeners.items()}
 
-    async def _listener(self, stack: contextlib.AsyncExitStack, port: YarpPort) -> Listener:
+    async def _listener(self, stack: contextlib.AsyncExitStack, port: YarpPort) -> TcpListener:
         def make() -> Peer:
             return Peer(self, port, self._peers, f"{port.name}#{next(self._numbers)}")
 

@@ -36,7 +36,7 @@ _QUIET_S = 0.05
 _clock = SystemTime()
 
 
-class Listener(Protocol):
+class ReceivingClient(Protocol):
     """A client that receives data."""
 
     def fileno(self) -> int | None:
@@ -110,7 +110,7 @@ class Running:
             raise BenchFailed("processor time of a server is not known here: this system has no /proc")
         return spent
 
-    def run(self, seconds: float, listeners: Sequence[Listener] = ()) -> float:
+    def run(self, seconds: float, listeners: Sequence[ReceivingClient] = ()) -> float:
         """Let it run for `seconds`, then pause it. Returns the processor time of a simulated second.
 
         Raises:
@@ -181,9 +181,9 @@ def running(version: Installation, scenario: Path, place: Path) -> Iterator[Runn
 # -- measurements --------------------------------------------------------------------------------------------------------------------
 
 
-def _crowd(wire: str) -> Callable[[Running], list[Listener]]:
-    def join(server: Running) -> list[Listener]:
-        found: list[Listener] = []
+def _crowd(wire: str) -> Callable[[Running], list[ReceivingClient]]:
+    def join(server: Running) -> list[ReceivingClient]:
+        found: list[ReceivingClient] = []
         for _ in range(CLIENTS):
             peer = connect(wire, server.addresses["tcp"])
             assert isinstance(peer, SocketPeer)
@@ -194,7 +194,7 @@ def _crowd(wire: str) -> Callable[[Running], list[Listener]]:
     return join
 
 
-def _stations(server: Running) -> list[Listener]:
+def _stations(server: Running) -> list[ReceivingClient]:
     port = int(server.addresses["gcs"].rpartition(":")[2])
     stations = [_Station(port, 255 - k) for k in range(STATIONS)]
     for station in stations:
@@ -203,19 +203,19 @@ def _stations(server: Running) -> list[Listener]:
     return [*stations]
 
 
-def _navigation(server: Running) -> list[Listener]:
+def _navigation(server: Running) -> list[ReceivingClient]:
     reader = _Database(server.addresses["moos"], f"bench{_clock.now_ns()}")
     reader.hear("NAV_*")
     return [reader]
 
 
-def _session(server: Running) -> list[Listener]:
+def _session(server: Running) -> list[ReceivingClient]:
     session = _Session(server.addresses["zenoh"])
     ask(session, "subscribe", pattern="**")
     return [session]
 
 
-CROWDS: Mapping[str, tuple[str, Callable[[Running], list[Listener]]]] = {
+CROWDS: Mapping[str, tuple[str, Callable[[Running], list[ReceivingClient]]]] = {
     "world, sensors, adapters without a client": ("", lambda server: []),
     f"the same with {CLIENTS} clients of TCP JSON": ("", _crowd("TCP JSON")),
     f"with {CLIENTS} clients of TCP msgpack": ("", _crowd("TCP msgpack")),
@@ -314,7 +314,7 @@ class Servers:
         ask(server.control, method, _PATIENCE_S, **params)
         return (_clock.now_ns() - start) * 1e-6
 
-    def _crowd_ms(self, server: Running, join: Callable[[Running], list[Listener]]) -> float:
+    def _crowd_ms(self, server: Running, join: Callable[[Running], list[ReceivingClient]]) -> float:
         try:
             listeners = join(server)
         except (OSError, KeyError, Refusal) as error:
