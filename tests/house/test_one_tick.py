@@ -25,7 +25,7 @@ STAGES = {
     "code": "uwserver.step.readings._read",
     "tell": "uwserver.step.readings._write_one",
     "deliver": "uwserver.step.readings._round",
-    "hear": "uwserver.step.tick._go_on",
+    "listen": "uwserver.step.tick._go_on",
 }
 """What a tick consists of, by the field in which its code stands, and who calls it: autopilots, contacts, water, bodies, readings, delivery."""
 

@@ -134,10 +134,10 @@ class AutopilotRow:
         """Move the set points that no command has given to where the vehicle is."""
         self.arrays.entries.stay_one(self.arrays.table, self.k)
 
-    def hear(self, port: str, values: Sequence[Any], t_ns: int, now_ns: int) -> None:
+    def on_sample(self, port: str, values: Sequence[Any], t_ns: int, now_ns: int) -> None:
         """Correct the estimate by a valid sample of one of its ports."""
         place, numbers = self.spec.inputs.numbers(port, values)
-        self.arrays.entries.hear_one(self.arrays.table, self.first_sensor + place, numbers, t_ns, now_ns)
+        self.arrays.entries.listen_one(self.arrays.table, self.first_sensor + place, numbers, t_ns, now_ns)
 
     def tell(self, t_ns: int, row: FloatArray) -> int:
         """Write the reading of its port `state` into a row of numbers. Returns the number of its texts (`flight.tell`)."""
@@ -189,7 +189,7 @@ class AutopilotArrays:
         sensors = _records(SENSOR, [each.rows for each in all_inputs])
         curves = np.concatenate([np.zeros((0, 2)), *[each.curves for each in allocations]])
         beacons = np.concatenate([np.zeros((0, 3)), *[each.beacons for each in all_inputs]])
-        ears = np.full(count, -1, np.int64)
+        listeners = np.full(count, -1, np.int64)
         device = curve = sensor = beacon = 0
         for k, (row, inputs, allocation) in enumerate(zip(self.rows, all_inputs, allocations, strict=True)):
             own_devices, own_sensors = (
@@ -201,14 +201,14 @@ class AutopilotArrays:
             own_sensors["pilot"], own_sensors["beacon_first"], own_sensors["next"] = k, beacon, -1
             for n, port in enumerate(inputs.ports):
                 if port in streams and port not in inputs.text_ports:
-                    own_sensors["next"][n], ears[streams[port]] = ears[streams[port]], sensor + n
+                    own_sensors["next"][n], listeners[streams[port]] = listeners[streams[port]], sensor + n
             pilots["c"]["device_first"][k], pilots["c"]["device_count"][k] = device, len(own_devices)
             row.bind_row(self, k, pilots, own_devices)
             row.first_sensor = sensor
             device, curve = device + len(own_devices), curve + len(allocation.curves)
             sensor, beacon = sensor + len(own_sensors), beacon + len(inputs.beacons)
         self._kept: Mapping[str, Any] = {
-            "pilots": pilots, "devices": devices, "curves": curves, "sensors": sensors, "beacons": beacons, "ears": ears,
+            "pilots": pilots, "devices": devices, "curves": curves, "sensors": sensors, "beacons": beacons, "listeners": listeners,
         }  # fmt: skip
         self.table: IntArray = layout.addresses(FORMS, self._kept)
         for row in set(gone).difference(self.rows):
@@ -225,10 +225,10 @@ class AutopilotArrays:
         return tuple((k, need) for k, need in enumerate(needs) if need)
 
     def codes(self) -> tuple[int, int, int]:
-        """Return the addresses of `entries.step_all`, `hear_all` and `tell_one`, for kernels that call them (`kernel.calling`)."""
+        """Return the addresses of `entries.step_all`, `listen_all` and `tell_one`, for kernels that call them (`kernel.calling`)."""
         entries = self.entries
-        step, hear, tell = entries.step_all, entries.hear_all, entries.tell_one
-        return address_of(step, "int64"), address_of(hear, "none"), address_of(tell, "int64")
+        step, listen, tell = entries.step_all, entries.listen_all, entries.tell_one
+        return address_of(step, "int64"), address_of(listen, "none"), address_of(tell, "int64")
 
 
 def _gains_in(row: Any) -> Gains:

@@ -16,7 +16,7 @@ from uwserver.physics.kernel.handles import array_at
 from uwserver.physics.kernel.sharing import share
 
 _pilots, _devices, _curves = array_at(FORMS, "pilots"), array_at(FORMS, "devices"), array_at(FORMS, "curves")
-_sensors, _beacons, _ears = array_at(FORMS, "sensors"), array_at(FORMS, "beacons"), array_at(FORMS, "ears")
+_sensors, _beacons, _listeners = array_at(FORMS, "sensors"), array_at(FORMS, "beacons"), array_at(FORMS, "listeners")
 _thrusters, _servos = array_at(layout.WORLD, "thrusters"), array_at(layout.WORLD, "servos")
 _wrenches, _team = array_at(layout.WORLD, "wrenches"), array_at(layout.WORLD, "team")
 _LEAST = 6
@@ -80,7 +80,7 @@ def step_on(table: Array, world: Array, k: int, t_ns: int, stage: int) -> int:
 
 
 @entry
-def hear_all(table: Array, delivered: Array, values: Array, count: int, now_ns: int) -> None:
+def listen_all(table: Array, delivered: Array, values: Array, count: int, now_ns: int) -> None:
     """Correct the estimates of all autopilots that read the streams of delivered samples.
 
     Args:
@@ -90,20 +90,20 @@ def hear_all(table: Array, delivered: Array, values: Array, count: int, now_ns: 
         count: number of samples.
         now_ns: simulation time.
     """
-    pilots, sensors, beacons, ears = _pilots(table), _sensors(table), _beacons(table), _ears(table)
+    pilots, sensors, beacons, listeners = _pilots(table), _sensors(table), _beacons(table), _listeners(table)
     for i in range(count):
         sample = delivered[i]
-        ear = ears[sample.stream] if sample.valid != 0 else -1
-        while ear >= 0:
-            sensor = sensors[ear]
+        listener = listeners[sample.stream] if sample.valid != 0 else -1
+        while listener >= 0:
+            sensor = sensors[listener]
             _update(pilots[sensor.pilot], sensor, beacons, values[i], sample.t_ns, now_ns)
-            ear = sensor.next
+            listener = sensor.next
 
 
 @entry
-def hear_one(table: Array, ear: int, values: Array, t_ns: int, now_ns: int) -> None:
-    """Correct the estimate by one sample of the SENSOR `ear`."""
-    sensor = _sensors(table)[ear]
+def listen_one(table: Array, listener: int, values: Array, t_ns: int, now_ns: int) -> None:
+    """Correct the estimate by one sample of the SENSOR `listener`."""
+    sensor = _sensors(table)[listener]
     _update(_pilots(table)[sensor.pilot], sensor, _beacons(table), values, t_ns, now_ns)
 
 
@@ -124,8 +124,8 @@ def tell_one(table: Array, k: int, t_ns: int, out: Array) -> int:
 ENTRIES: tuple[Any, ...] = (
     step_all,
     step_on,
-    hear_all,
-    hear_one,
+    listen_all,
+    listen_one,
     stay_one,
     tell_one,
 )
@@ -135,7 +135,7 @@ def load(delivered: Array) -> None:
     """Make all entries ready, so that no tick waits for them: compile them, or load them from the cache.
 
     Args:
-        delivered: records like those that `hear_all` gets.
+        delivered: records like those that `listen_all` gets.
     """
     table, number, values = np.zeros((0, 2), np.int64), 0, np.empty(0)
     given = (

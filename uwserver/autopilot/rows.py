@@ -195,9 +195,9 @@ FORMS: Forms = {
     "curves": columns(np.float64, 2),
     "sensors": SENSOR,
     "beacons": columns(np.float64, 3),
-    "ears": columns(np.int64),
+    "listeners": columns(np.int64),
 }
-"""The arrays in the table of a world's autopilots. `ears` has for each stream of a sensor the first SENSOR that reads it, or -1."""
+"""The arrays in the table of a world's autopilots. `listeners` has for each stream of a sensor the first SENSOR that reads it, or -1."""
 
 rotate, multiply, conjugate, quat_from_rpy, rpy_from_quat = (
     compiled(frames.rotate), compiled(frames.multiply), compiled(frames.conjugate), compiled(frames.quat_from_rpy),

@@ -256,7 +256,7 @@ class _Estimation:
         if topic in self._inputs:
             self._samples += 1
             if message.valid:
-                self._row.hear(topic, self._values(topic, value), t_ns, self._now_ns)
+                self._row.on_sample(topic, self._values(topic, value), t_ns, self._now_ns)
         if topic not in self.written:
             return
         if self.writer is not None:

@@ -21,8 +21,8 @@ from uwserver.step.rows import (
     DELIVER,
     DONE,
     EXACT,
-    HEAR,
     KEEP,
+    LISTEN,
     NEEDS_EXACT,
     NEEDS_KEEPING,
     NEEDS_PYTHON,
@@ -366,17 +366,17 @@ def measure(table: Array, sensors: Array, values: Array, delivered_values: Array
         run.stage = ROUND
         arrives = run.t_ns >= counts.next_ns
         if run.active == 0 and run.t_ns < run.call_ns and not arrives:
-            run.stage = HEAR
+            run.stage = LISTEN
         elif run.slow != 0 and arrives:
             return ARRIVALS
-    while run.stage != HEAR:
+    while run.stage != LISTEN:
         if run.stage == ROUND:
             if run.round == WHEN_CALLED:
                 if run.t_ns >= run.call_ns:
                     return CALLED  # Python goes on with that round, or the next
                 run.round = WHEN_DUE
             if run.round > last_round:
-                run.stage = HEAR
+                run.stage = LISTEN
                 break
             _gather(table)
             arrives = run.round == WHEN_DUE and run.begun == 0 and run.t_ns >= counts.next_ns

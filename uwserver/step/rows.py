@@ -7,7 +7,7 @@ import numpy as np
 from uwserver.physics.kernel.layout import STATE_SIZE, Codes, Forms, columns
 
 (
-    BEGIN, PILOTS, FORCES, FIND, MOVE, DRAW, FLOW, ARRIVALS, ROUND, RATES, EXACT, READ, REPEAT, PYTHON, WRITE, DELIVER, KEEP, HEAR, END,
+    BEGIN, PILOTS, FORCES, FIND, MOVE, DRAW, FLOW, ARRIVALS, ROUND, RATES, EXACT, READ, REPEAT, PYTHON, WRITE, DELIVER, KEEP, LISTEN, END,
 ) = range(19)  # fmt: skip
 """Stages of a tick, in their order. Those from ROUND to KEEP come again in each round of readings. A step that stops for Python returns the stage."""
 
@@ -44,7 +44,7 @@ COURSE = np.dtype(
         ("next_t", "f8"),
         ("step_pilots", _WHOLE),  # address of the code that steps autopilots; here and below 0: nothing to do
         ("pilots_every", _WHOLE),  # ticks
-        ("hear", _WHOLE),  # lets autopilots take in samples
+        ("listen", _WHOLE),  # lets autopilots take in samples
         ("tell", _WHOLE),  # writes the status of autopilots
         ("fill_flows", _WHOLE),  # finds the water at the bodies
         ("find_pairs", _WHOLE),  # finds pairs of shapes that may touch; then the lines between them, and the contacts

@@ -29,7 +29,7 @@ STREAM = np.dtype(
         ("newest_first", "i8"),  # place of the newest delivered sample in `numbers`
         ("dt", "f8"),
         ("frozen", "i8"),  # 1: a fault makes the stream repeat its last reading
-        ("use", "i8"),  # READ: somebody reads the samples; HEARD: only compiled code does; KEPT: nobody does
+        ("use", "i8"),  # READ: somebody reads the samples; LISTENED: only compiled code does; KEPT: nobody does
         (
             "wordy",
             "i8",
@@ -83,7 +83,7 @@ COUNTS = np.dtype(
     ]
 )
 
-READ, HEARD, KEPT = 1, 2, 3
+READ, LISTENED, KEPT = 1, 2, 3
 SMALL, LARGE = 1, 2
 
 NEVER = np.iinfo(np.int64).max

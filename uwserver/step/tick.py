@@ -28,7 +28,7 @@ from uwserver.step.rows import (
     FIND,
     FLOW,
     FORCES,
-    HEAR,
+    LISTEN,
     MOVE,
     PILOTS,
     ROOM,
@@ -150,16 +150,16 @@ def _go_on(table: Array, sensors: Array, values: Array, delivered_values: Array)
         why = _before_and_move(table)
         if why != DONE:
             return why
-    if run.stage < HEAR:
+    if run.stage < LISTEN:
         why = measure(table, sensors, values, delivered_values)
         if why != DONE:
             return why
-    if run.stage == HEAR:
+    if run.stage == LISTEN:
         run.stage = END
-        if run.begun != 0 and counts.delivered > 0 and _course(table)[0].hear != 0:
+        if run.begun != 0 and counts.delivered > 0 and _course(table)[0].listen != 0:
             given = _pilots(table), _delivered(sensors), delivered_values, counts.delivered, run.t_ns
-            call(_course(table)[0].hear, given)
-            if is_measured(run, HEAR, 0):
+            call(_course(table)[0].listen, given)
+            if is_measured(run, LISTEN, 0):
                 return UNIT
     run.stage = BEGIN
     is_read = counts.logged > run.logged

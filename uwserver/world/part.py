@@ -63,7 +63,7 @@ class Part(ABC):
         next_tick: the first tick in which `before` has something to do; None for never. It is checked in every tick.
         after_ns: before this simulation time (ns), `after` has nothing to do; for parts that act before sensors read. It is checked when
             ticks begin, and whenever a tick has needed Python.
-        hears: paths of the ports whose delivered samples it gets.
+        listens_to: paths of the ports whose delivered samples it gets.
         idle: whether it never has anything to do in a tick, though others of its class do; decided when it is made.
         services: its services, each with its function.
     """
@@ -73,7 +73,7 @@ class Part(ABC):
     order: ClassVar[int] = 0
     next_tick: int | None = None
     after_ns: int = 0
-    hears: tuple[str, ...] = ()
+    listens_to: tuple[str, ...] = ()
     idle: bool = False
     services: tuple[tuple[Service, Carry], ...] = ()
 
@@ -103,8 +103,8 @@ class Part(ABC):
     def after(self, tick: int, t_ns: int, samples: list[Sample]) -> None:
         """Act when the bodies are at `tick`: read them, and append samples that are delivered."""
 
-    def hear(self, sample: Sample, t_ns: int) -> None:
-        """Take a delivered sample of one of the ports in `hears`."""
+    def on_sample(self, sample: Sample, t_ns: int) -> None:
+        """Take a delivered sample of one of the ports in `listens_to`."""
 
     def forget(self, body: str) -> None:
         """Drop everything about a body that is about to go."""
@@ -134,12 +134,12 @@ def takes_part(kind: type[Part]) -> tuple[bool, bool]:
 
 def is_awake(part: Part) -> bool:
     """Return whether a part acts in ticks, or gets samples of others."""
-    return not part.idle and (any(takes_part(type(part))) or bool(part.hears))
+    return not part.idle and (any(takes_part(type(part))) or bool(part.listens_to))
 
 
 Before = Callable[[int, int], None]
 After = Callable[[int, int, list[Sample]], None]
-Hear = Callable[[Sample, int], None]
+OnSample = Callable[[Sample, int], None]
 
 
 class Turns(NamedTuple):
@@ -151,7 +151,7 @@ class Turns(NamedTuple):
         forces: after autopilots, before the bodies move.
         follow: after the bodies have moved, before sensors read.
         last: after the sensors.
-        ears: functions that take the samples of each port.
+        listeners: functions that take the samples of each port.
     """
 
     first: list[tuple[Part, Before]]
@@ -159,7 +159,7 @@ class Turns(NamedTuple):
     forces: list[tuple[Part, Before]]
     follow: list[tuple[Part, After]]
     last: list[After]
-    ears: dict[str, list[Hear]]
+    listeners: dict[str, list[OnSample]]
 
 
 def _profile_name(part: Part) -> str:
@@ -172,11 +172,11 @@ def in_turn(awake: Iterable[Part], timed: Timer = untimed) -> Turns:
     """Return the work of the parts that act in a tick. Each function is called through what `timed` makes of it."""
     ordered = sorted(awake, key=lambda part: (part.stage, part.order, part.path))
     acting = [part for part in ordered if takes_part(type(part))[0]]
-    ears: dict[str, list[Hear]] = {}
+    listeners: dict[str, list[OnSample]] = {}
     for part in ordered:
-        hear = timed("listening", _profile_name(part), part.hear)
-        for port in part.hears:
-            ears.setdefault(port, []).append(hear)
+        on_sample = timed("listening", _profile_name(part), part.on_sample)
+        for port in part.listens_to:
+            listeners.setdefault(port, []).append(on_sample)
     before = [(part, timed(part.stage.title, _profile_name(part), part.before)) for part in acting]
     after = [
         (part, timed(part.stage.title, _profile_name(part), part.after))
@@ -189,7 +189,7 @@ def in_turn(awake: Iterable[Part], timed: Timer = untimed) -> Turns:
         [turn for turn in before if turn[0].stage >= Stage.FORCES],
         [turn for turn in after if turn[0].stage < Stage.SENSORS],
         [act for part, act in after if part.stage >= Stage.SENSORS],
-        ears,
+        listeners,
     )
 
 

@@ -30,17 +30,17 @@ class Piloting(Part):
 
     def __init__(self, pilot: Autopilot) -> None:
         self.pilot = pilot
-        self.hears = pilot.spec.inputs.text_ports
+        self.listens_to = pilot.spec.inputs.text_ports
 
     @property
     def path(self) -> str:
         """``<vehicle>/autopilot``."""
         return self.pilot.spec.path
 
-    def hear(self, sample: Sample, t_ns: int) -> None:
+    def on_sample(self, sample: Sample, t_ns: int) -> None:
         """Take a sample into the estimate."""
         if sample.valid:
-            self.pilot.row.hear(sample.port, sample.value, sample.t_ns, t_ns)
+            self.pilot.row.on_sample(sample.port, sample.value, sample.t_ns, t_ns)
 
     def leave(self, why: str) -> None:
         """Answer the caller that waits for the end of a manoeuvre."""

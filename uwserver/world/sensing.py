@@ -13,7 +13,7 @@ from uwserver.ports.checks import check_values
 from uwserver.ports.decimation import EVERY_SAMPLE, Decimations
 from uwserver.ports.sample_batch import Origin, SampleBatch
 from uwserver.sensors.compiled import CompiledSensor
-from uwserver.step.streams import ENTRY, HEARD, KEPT, LARGE, NEVER, READ, SMALL
+from uwserver.step.streams import ENTRY, KEPT, LARGE, LISTENED, NEVER, READ, SMALL
 from uwserver.units import NANOSECONDS
 from uwserver.world.components import SensorStream
 from uwserver.world.computing import DROP, wait_for_values
@@ -62,8 +62,8 @@ class Sensing(Part):
         self._subscriptions: Container[str] | None = None
         self._measured: Collection[str] | None = None
         self._decimations = EVERY_SAMPLE
-        self._heard_by_parts: Collection[str] = ()
-        self._heard_by_kernels: Collection[str] = ()
+        self._parts_listen_to: Collection[str] = ()
+        self._kernels_listen_to: Collection[str] = ()
         self._streams: dict[int, SensorStream] = {}
         self._wordy: list[SensorStream] = []
         self._origins: dict[int, Origin] = {}
@@ -127,9 +127,9 @@ class Sensing(Part):
         self._decimations = EVERY_SAMPLE
         self._sensor_arrays.decimate({})
 
-    def set_listeners(self, ports: Collection[str], overheard: Collection[str]) -> None:
-        """Set the ports that parts of the world listen to, and the ports that compiled code listens to (`overheard`)."""
-        self._heard_by_parts, self._heard_by_kernels = ports, overheard
+    def set_listeners(self, ports: Collection[str], of_kernels: Collection[str]) -> None:
+        """Set the ports that parts of the world listen to, and the ports that compiled code listens to (`of_kernels`)."""
+        self._parts_listen_to, self._kernels_listen_to = ports, of_kernels
         self._mark_streams()
 
     def _mark_streams(self) -> None:
@@ -141,14 +141,14 @@ class Sensing(Part):
             self._sensor_arrays.is_read = bool(streams)
             self._sensor_arrays.decimate({})
             return
-        read = {k for path, k in self.numbers.items() if path in subscriptions or path in self._heard_by_parts}
+        read = {k for path, k in self.numbers.items() if path in subscriptions or path in self._parts_listen_to}
         self._is_read, self._sensor_arrays.is_read = self._mask_of(read), bool(read)
         # Values that are no numbers wait in Python for their sample.
         rows[[k for k, stream in streams.items() if stream.columns.loose]] = KEPT
-        rows[[self.numbers[path] for path in self._heard_by_kernels]] = HEARD
+        rows[[self.numbers[path] for path in self._kernels_listen_to]] = LISTENED
         rows[list(read)] = READ
         known = [
-            (self.numbers.get(path), some) for path, some in self._decimations.items() if path not in self._heard_by_parts
+            (self.numbers.get(path), some) for path, some in self._decimations.items() if path not in self._parts_listen_to
         ]
         self._sensor_arrays.decimate({k: some for k, some in known if k in read and streams[k].columns.is_small})
 

@@ -136,7 +136,7 @@ class StepTable:
         sensor_arrays.follow_contacts()
         self._kept = self._dependencies()
         self._ids = tuple(map(id, self._kept))
-        step, hear, tell = (0, 0, 0) if autopilots is None else autopilots.codes()
+        step, listen, tell = (0, 0, 0) if autopilots is None else autopilots.codes()
         sea = self.water.sea
         no_drifts, no_intervals = np.zeros((0, 2, 3)), np.zeros(0, np.int64)
         drifts, intervals = (no_drifts, no_intervals) if sea is None else (sea.ends, sea.intervals)
@@ -146,7 +146,7 @@ class StepTable:
         course = np.zeros(1, rows.COURSE)
         last_round = max((group.round for group in self.sensing.groups), default=rows.WHEN_DUE)
         course[0] = (
-            hydro.dt, finding.margin, self.rate_hz.numerator, self.rate_hz.denominator, *self._given_times, step, self.pilots.every, hear, tell,
+            hydro.dt, finding.margin, self.rate_hz.numerator, self.rate_hz.denominator, *self._given_times, step, self.pilots.every, listen, tell,
             0 if sea is None else entries.flow_code(), *finding[:3], cast, codes, delivery.code(), max(last_round, rows.WHEN_DUE),
         )  # fmt: skip
         self.rows = made.rows | {

@@ -30,7 +30,7 @@ _UNITS = {
     rows.PILOTS: ("autopilots", "autopilots"), rows.FIND: ("contact", "detection"), rows.MOVE: ("physics", "bodies"),
     rows.RATES: ("sensors", "accelerations"),
     rows.REPEAT: ("sensors", "compound"), rows.WRITE: ("sensors", "status"),
-    rows.DELIVER: ("delivery", "errors, delays"), rows.HEAR: ("listening", "autopilots"),
+    rows.DELIVER: ("delivery", "errors, delays"), rows.LISTEN: ("listening", "autopilots"),
 }  # fmt: skip
 """Stage and kind of the work of compiled code, as in a profile."""
 _WORK = {rows.UNIT: 0, rows.PILOTS: rows.PILOTS, rows.DIVERGED: rows.MOVE}
@@ -172,7 +172,7 @@ class Stepping:
         follow_ns = min([NEVER, *(part.after_ns for part, _ in turns.follow)])
         self.given.run[_ASKED] = (
             first, until, next_tick(turns.forces), collider is not None and self.given.finding() is None, follow_ns, sensing.call_ns,
-            sensing.callable, not sensing.under_way.is_idle, 2 if turns.last else bool(turns.ears), self.profile is not None,
+            sensing.callable, not sensing.under_way.is_idle, 2 if turns.last else bool(turns.listeners), self.profile is not None,
         )  # fmt: skip
 
     def ask_again(self) -> None:

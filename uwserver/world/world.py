@@ -205,14 +205,14 @@ class World(InProcess):
         awake += [part for member in self.members.values() for part in member.by_path.awake]
         self.stepping.turns = in_turn(awake, self._timed)
         self._pilots.parts_changed(self.parts.values(), self.sensing.numbers)
-        self.sensing.set_listeners(self.stepping.turns.ears, self._pilots.ports)
+        self.sensing.set_listeners(self.stepping.turns.listeners, self._pilots.ports)
         self.sensing.schedule()
 
     def subscribe(self, ports: Container[str] | None, decimations: Decimations = EVERY_SAMPLE) -> None:
         """Let `step` give samples of these ports only, so that the others cost next to nothing; None, as at first, for all. `decimations` is as
         for `Sensing.subscribe`.
 
-        Samples for parts (`Part.hears`) are given too. All sensors measure and count as ever, and `read` returns the newest sample of any
+        Samples for parts (`Part.listens_to`) are given too. All sensors measure and count as ever, and `read` returns the newest sample of any
         port.
         """
         self.sensing.subscribe(ports, decimations)
@@ -320,10 +320,10 @@ class World(InProcess):
         """Give samples to the parts that listen, and complete the output. `diverged` is the row of the first body whose state is not
         finite."""
         output.batch = self.sensing.take_batch()
-        ears = self.stepping.turns.ears
-        for sample in output.samples if ears else ():
-            for hear in ears.get(sample.port, ()):
-                hear(sample, self.t_ns)
+        listeners = self.stepping.turns.listeners
+        for sample in output.samples if listeners else ():
+            for on_sample in listeners.get(sample.port, ()):
+                on_sample(sample, self.t_ns)
         if self.answers:
             output.replies += self.answers
             self.answers.clear()

@@ -95,7 +95,7 @@ def test_one_that_went_changes_and_hears_for_itself_alone():
     gone.row.tell(world.t_ns, row)
     assert row[1] == pytest.approx(gone.estimate.p[0])
     gone.hold()
-    gone.row.hear("auv/ahrs", ((1.0, 0.0, 0.0, 0.0), 0.0), world.t_ns, world.t_ns)
+    gone.row.on_sample("auv/ahrs", ((1.0, 0.0, 0.0, 0.0), 0.0), world.t_ns, world.t_ns)
     assert gone.estimate.attitude_ns == world.t_ns
     assert gone.orders.depth == gone.estimate.p[2]
     assert other.row.read() == kept
@@ -121,7 +121,7 @@ def test_each_place_in_the_arrays_is_found_after_others_came_and_went():
                     tables["curves"][mine["curve_first"]] == allocation.curves[allocation.devices["curve_first"]]
                 ).all()
             for n, port in enumerate(inputs.ports):
-                sensor = tables["sensors"][tables["ears"][streams[port]]]
+                sensor = tables["sensors"][tables["listeners"][streams[port]]]
                 assert (sensor["pilot"], sensor["kind"], sensor["next"]) == (row.k, inputs.rows["kind"][n], -1)
     assert {row.k for row in rows.values()} == {0, 1, 2, 3}
 

@@ -88,7 +88,7 @@ class Bench:
 
     def hear(self, name, *value, late_s=0.0):
         missing = (None,) * (len(self.sensors[name].fields) - len(value))
-        self.row.hear(f"rov/{name}", value + missing, self.t_ns - round(late_s * 1e9), self.t_ns)
+        self.row.on_sample(f"rov/{name}", value + missing, self.t_ns - round(late_s * 1e9), self.t_ns)
 
     def run(self, seconds, **every_step):
         for _ in range(round(seconds * RATE)):
@@ -334,11 +334,11 @@ def test_each_sample_goes_to_who_hears_it_and_an_invalid_one_tells_nothing():
     arrays.gather([first, second], {"rov/depth": 3, "other/depth": 1}, 4)
     assert second.estimate.p == (0.0, 0.0, 4.0)
     told = told_of((3, 5, 1), (1, 6, 0), (0, 7, 1))
-    straight(arrays.entries.hear_all)(arrays.table, told, np.array([[2.0, 8.0], [9.0, 8.0], [9.0, 8.0]]), 3, 10)
+    straight(arrays.entries.listen_all)(arrays.table, told, np.array([[2.0, 8.0], [9.0, 8.0], [9.0, 8.0]]), 3, 10)
     assert first.estimate.p[2] == pytest.approx(2.0, abs=1e-3)
     assert (first.estimate.depth_ns, second.estimate.p, second.estimate.depth_ns) == (5, (0.0, 0.0, 4.0), NEVER)
     told["valid"] = 1
-    straight(arrays.entries.hear_all)(arrays.table, told, np.array([[2.0, 8.0], [9.0, 8.0], [9.0, 8.0]]), 2, 10)
+    straight(arrays.entries.listen_all)(arrays.table, told, np.array([[2.0, 8.0], [9.0, 8.0], [9.0, 8.0]]), 2, 10)
     assert second.estimate.depth_ns == 6
 
 
@@ -346,10 +346,10 @@ def test_several_may_hear_one_stream():
     rows = [row(SiteData(start=(0.0, 0.0, z)), depth=sensor("pressure")) for z in (0.0, 4.0, 8.0)]
     arrays = AutopilotArrays()
     arrays.gather(rows, {"rov/depth": 1}, 2)
-    straight(arrays.entries.hear_all)(arrays.table, told_of((1, 5, 1)), np.array([[2.0, 8.0]]), 1, 10)
+    straight(arrays.entries.listen_all)(arrays.table, told_of((1, 5, 1)), np.array([[2.0, 8.0]]), 1, 10)
     assert [each.estimate.depth_ns for each in rows] == [5, 5, 5]
     arrays.gather(rows[1:], {"rov/depth": 0}, 2)
-    straight(arrays.entries.hear_all)(arrays.table, told_of((0, 6, 1)), np.array([[2.0, 8.0]]), 1, 10)
+    straight(arrays.entries.listen_all)(arrays.table, told_of((0, 6, 1)), np.array([[2.0, 8.0]]), 1, 10)
     assert [each.estimate.depth_ns for each in rows] == [5, 6, 6]
 
 

@@ -11,7 +11,7 @@ from sensing_rig import Rig, slot_of, stream
 
 from uwserver.modifiers import Delay, Dropout, Reorder
 from uwserver.ports.decimation import Decimation, Decimations
-from uwserver.step.streams import COUNTS, ENTRY, HEARD, NEVER, READ
+from uwserver.step.streams import COUNTS, ENTRY, LISTENED, NEVER, READ
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -48,7 +48,7 @@ def test_what_is_heard_alone_is_delivered_and_not_read() -> None:
     rig.sensing.set_listeners((), ("b",))
     assert [s.port for s in rig.samples(1)] == ["c"]
     a, b, c = (rig.sensing.numbers[path] for path in "abc")
-    assert rig.sensor_arrays.streams.rows["use"][[a, b, c]].tolist() == [0, HEARD, READ]
+    assert rig.sensor_arrays.streams.rows["use"][[a, b, c]].tolist() == [0, LISTENED, READ]
     assert rig.sensor_arrays._delivered["stream"][:2].tolist() == [b, c]
     assert rig.sensor_arrays._delivered_values[:2, 0].tolist() == [1.0, 1.0]
     assert rig.sensor_arrays.logged == 1

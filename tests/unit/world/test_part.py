@@ -45,10 +45,10 @@ class Recorder(Part):
 
 
 class Listener(Recorder):
-    def __init__(self, path: str, diary: list[tuple[str, str, int]], hears: tuple[str, ...]) -> None:
+    def __init__(self, path: str, diary: list[tuple[str, str, int]], listens_to: tuple[str, ...]) -> None:
         super().__init__(path, diary)
         self.next_tick = None
-        self.hears = hears
+        self.listens_to = listens_to
         note = Argument("note", "str", "what is told")
         self.services = ((Service(f"{path}/tell", "Write it down.", (note,)), self._told),)
 
@@ -58,7 +58,7 @@ class Listener(Recorder):
     def after(self, tick: int, t_ns: int, samples: list[Sample]) -> None:
         self.diary.append(("after", self.path, tick))
 
-    def hear(self, sample: Sample, t_ns: int) -> None:
+    def on_sample(self, sample: Sample, t_ns: int) -> None:
         self.diary.append(("hear", sample.port, t_ns))
 
     def leave(self, why: str) -> None:

@@ -67,7 +67,7 @@ def test_compiled_code_hears_the_sensors_of_its_estimate(flown: World) -> None:
     assert isinstance(pilots, Pilots)
     assert set(pilots.ports) == set(part.pilot.spec.inputs.ports)
     assert set(pilots.ports) <= set(flown.ports)
-    assert part.hears == ()
+    assert part.listens_to == ()
     assert part.pilot.estimate.depth_ns > 0
 
 
@@ -278,7 +278,7 @@ def test_sensors_without_an_autopilot_that_come_and_go_are_heard_by_nobody() -> 
         world.step(120)
         pilots, numbers = world._pilots, world.sensing.numbers
         assert pilots._arrays is not None
-        heard = {port for port, k in numbers.items() if pilots._arrays._kept["ears"][k] >= 0}
+        heard = {port for port, k in numbers.items() if pilots._arrays._kept["listeners"][k] >= 0}
         assert heard == set(pilots.ports)
         newest = world.read("mute/depth")
         assert newest is not None
@@ -297,7 +297,7 @@ def test_beacons_reach_it_in_words_though_nobody_reads_them() -> None:
     builder.sensor("a", "usbl", "usbl", rate_hz=2, beacons=beacons, position_frd_m=[0.0, 0.0, 0.2])
     world, read = (build(load(builder.build(), adapters={})) for _ in range(2))
     world.subscribe(())
-    assert part_of(world, "a").hears == ("a/usbl",)
+    assert part_of(world, "a").listens_to == ("a/usbl",)
     world.step(960)
     assert 8 <= world.stops["called sensors"] <= 24, "the step stops when answers come, not in each tick"
     assert "a/usbl" in {sample.port for sample in read.step(960)}

@@ -63,7 +63,7 @@ def some(samples: list[Sample], ports: Collection[str]) -> list[Sample]:
 
 def heard(world: World) -> set[str]:
     """Ports that parts of the world hear, as an autopilot that of a beacon: their samples are always made."""
-    return {port for part in world.parts.values() for port in part.hears}
+    return {port for part in world.parts.values() for port in part.listens_to}
 
 
 NAMES = ("small", "one_of_everything")
