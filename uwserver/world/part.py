@@ -142,7 +142,7 @@ After = Callable[[int, int, list[Sample]], None]
 OnSample = Callable[[Sample, int], None]
 
 
-class Turns(NamedTuple):
+class PartSchedule(NamedTuple):
     """The work of parts in a tick, in the order of the tick.
 
     Attributes:
@@ -168,7 +168,7 @@ def _profile_name(part: Part) -> str:
     return name if place == "world" else kind_of(part)
 
 
-def in_turn(awake: Iterable[Part], timed: Timer = untimed) -> Turns:
+def schedule_of(awake: Iterable[Part], timed: Timer = untimed) -> PartSchedule:
     """Return the work of the parts that act in a tick. Each function is called through what `timed` makes of it."""
     ordered = sorted(awake, key=lambda part: (part.stage, part.order, part.path))
     acting = [part for part in ordered if takes_part(type(part))[0]]
@@ -183,7 +183,7 @@ def in_turn(awake: Iterable[Part], timed: Timer = untimed) -> Turns:
         for part in ordered
         if takes_part(type(part))[1]
     ]
-    return Turns(
+    return PartSchedule(
         [turn for turn in before if turn[0].stage <= Stage.FAULTS],
         [turn for turn in before if Stage.FAULTS < turn[0].stage < Stage.FORCES],
         [turn for turn in before if turn[0].stage >= Stage.FORCES],

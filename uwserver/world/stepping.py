@@ -9,7 +9,7 @@ from uwserver.physics.kernel.straight import straight
 from uwserver.ports import Sample
 from uwserver.step import rows
 from uwserver.step.streams import NEVER
-from uwserver.world.part import Before, Part, Turns
+from uwserver.world.part import Before, Part, PartSchedule
 from uwserver.world.profile import Profile, kind_of
 from uwserver.world.step_table import LONGEST, StepTable
 from uwserver.world.timetable import needs_of
@@ -53,7 +53,7 @@ class Stepping:
 
     Attributes:
         given: the table that steps get.
-        turns: the work of the parts.
+        schedule: the work of the parts.
         stops: how often steps have stopped, by `REASONS`.
         profile: measures each unit of work; None for none.
     """
@@ -77,11 +77,11 @@ class Stepping:
         self._step = straight(tick.step)
         self._first = 0
         self._samples: list[Sample] = []
-        self.turns = Turns([], [], [], [], [], {})
+        self.schedule = PartSchedule([], [], [], [], [], {})
         self.stops = dict.fromkeys(REASONS.values(), 0)
         self.profile: Profile | None = None
         self._answers = {
-            rows.PILOTS: lambda: self._pilots.attend(self._now[1]), rows.FORCES: lambda: take_turns(self.turns.forces, *self._now),
+            rows.PILOTS: lambda: self._pilots.attend(self._now[1]), rows.FORCES: lambda: run_parts(self.schedule.forces, *self._now),
             rows.FIND: given.hydro.find_contacts, rows.DRAW: self._draw, rows.FLOW: self._follow,
             rows.ARRIVALS: lambda: self._sensing.under_way.arrive(self._now[1]),
             rows.PYTHON: lambda: self._sensing.python_readings.sense(self._due, self._now[1]), rows.WRITE: self._write, rows.KEEP: self._keep,
@@ -154,7 +154,7 @@ class Stepping:
             self._sensing.tell(self._first, self.given.ends[: reached[_ENDS]].tolist(), with_words, samples)
         if why == rows.END:
             self._sensing.under_way.purge()
-            for act in self.turns.last:
+            for act in self.schedule.last:
                 act(*self._now, samples)
 
     @property
@@ -164,15 +164,15 @@ class Stepping:
 
     def next_tick(self, tick: int) -> int:
         """Return the next tick before which a part acts that does so before autopilots."""
-        return max(tick + 1, next_tick((*self.turns.first, *self.turns.watch)))
+        return max(tick + 1, next_tick((*self.schedule.first, *self.schedule.watch)))
 
     def ask(self, first: int, until: int) -> None:
         """Set what Python decides before a step: the first tick, the tick at which it ends, and when Python is needed."""
-        sensing, turns, collider = self._sensing, self.turns, self._hydro.collider
-        follow_ns = min([NEVER, *(part.after_ns for part, _ in turns.follow)])
+        sensing, schedule, collider = self._sensing, self.schedule, self._hydro.collider
+        follow_ns = min([NEVER, *(part.after_ns for part, _ in schedule.follow)])
         self.given.run[_ASKED] = (
-            first, until, next_tick(turns.forces), collider is not None and self.given.finding() is None, follow_ns, sensing.call_ns,
-            sensing.callable, not sensing.under_way.is_idle, 2 if turns.last else bool(turns.listeners), self.profile is not None,
+            first, until, next_tick(schedule.forces), collider is not None and self.given.finding() is None, follow_ns, sensing.call_ns,
+            sensing.callable, not sensing.under_way.is_idle, 2 if schedule.last else bool(schedule.listeners), self.profile is not None,
         )  # fmt: skip
 
     def ask_again(self) -> None:
@@ -224,7 +224,7 @@ class Stepping:
 
     def _follow(self) -> None:
         tick, t_ns = self._now
-        for part, act in self.turns.follow:
+        for part, act in self.schedule.follow:
             if t_ns >= part.after_ns:
                 act(tick, t_ns, self._samples)
 
@@ -277,7 +277,7 @@ def next_tick(parts: Iterable[tuple[Part, Before]]) -> int:
     return min([part.next_tick for part, _ in parts if part.next_tick is not None], default=NEVER)
 
 
-def take_turns(parts: Iterable[tuple[Part, Before]], tick: int, t_ns: int) -> None:
+def run_parts(parts: Iterable[tuple[Part, Before]], tick: int, t_ns: int) -> None:
     """Call those of these parts that have something to do in a tick."""
     for part, before in parts:
         if part.next_tick is not None and tick >= part.next_tick:

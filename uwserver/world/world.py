@@ -23,7 +23,7 @@ from uwserver.world.components import ActuatorSlot, SensorStream
 from uwserver.world.diverged import Diverged, report
 from uwserver.world.in_process import InProcess
 from uwserver.world.members import Member, Population, place_solids
-from uwserver.world.part import Carry, Part, in_turn, is_awake
+from uwserver.world.part import Carry, Part, is_awake, schedule_of
 from uwserver.world.piloting import Pilots
 from uwserver.world.profile import Profile, Timer, untimed
 from uwserver.world.requests import Requests
@@ -31,7 +31,7 @@ from uwserver.world.sensing import Sensing
 from uwserver.world.sensor_arrays import Around, SensorArrays
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.step_table import StepTable
-from uwserver.world.stepping import Stepping, take_turns
+from uwserver.world.stepping import Stepping, run_parts
 from uwserver.world.threads import Threads
 from uwserver.world.ticks import Ticks
 from uwserver.world.vehicle import Vehicle
@@ -203,9 +203,9 @@ class World(InProcess):
         self.parts = {path: self.parts[path] for path in (Bodies.path, *sorted(self.parts.keys() - {Bodies.path}))}
         awake = [part for part in self.own_parts if is_awake(part)]
         awake += [part for member in self.members.values() for part in member.by_path.awake]
-        self.stepping.turns = in_turn(awake, self._timed)
+        self.stepping.schedule = schedule_of(awake, self._timed)
         self._pilots.parts_changed(self.parts.values(), self.sensing.numbers)
-        self.sensing.set_listeners(self.stepping.turns.listeners, self._pilots.ports)
+        self.sensing.set_listeners(self.stepping.schedule.listeners, self._pilots.ports)
         self.sensing.schedule()
 
     def subscribe(self, ports: Container[str] | None, decimations: Decimations = EVERY_SAMPLE) -> None:
@@ -290,7 +290,7 @@ class World(InProcess):
         if self._profile is not None:
             self._profile.begin()
         self._begin_tick(output, more)
-        take_turns(self.stepping.turns.watch, self._tick, self.t_ns)
+        run_parts(self.stepping.schedule.watch, self._tick, self.t_ns)
         each = trial is not None or self._profile is not None
         before = self._tick
         lost = self.stepping.go_on(before, 1 if each else most, posted, output.made)
@@ -310,17 +310,17 @@ class World(InProcess):
 
     def _begin_tick(self, output: TickOutput, more: Iterable[Posted]) -> None:
         jumps = self.jumps
-        take_turns(self.stepping.turns.first, self._tick, self.t_ns)
+        run_parts(self.stepping.schedule.first, self._tick, self.t_ns)
         if self.requests.posted or more:
             self._carry_out(output, more)
             if self.jumps != jumps:  # The time was set, so other faults are due.
-                take_turns(self.stepping.turns.first, self._tick, self.t_ns)
+                run_parts(self.stepping.schedule.first, self._tick, self.t_ns)
 
     def _end_tick(self, output: TickOutput, diverged: int = -1) -> None:
         """Give samples to the parts that listen, and complete the output. `diverged` is the row of the first body whose state is not
         finite."""
         output.batch = self.sensing.take_batch()
-        listeners = self.stepping.turns.listeners
+        listeners = self.stepping.schedule.listeners
         for sample in output.samples if listeners else ():
             for on_sample in listeners.get(sample.port, ()):
                 on_sample(sample, self.t_ns)
