@@ -69,7 +69,7 @@ class Goals:
             steering: calls `make` between two ticks.
             source: the client.
 
-        Returns its cancel function. May raise as `Turns.put`.
+        Returns its cancel function. May raise as `FairQueue.put`.
         """
         begun: list[Goal] = []
 

@@ -9,7 +9,7 @@ from typing import Protocol, TypeVar
 from uwserver.ports import Call, Command
 from uwserver.ports.crossing import Posted
 from uwserver.simulation.clock import Time
-from uwserver.simulation.turns import Turns
+from uwserver.simulation.fair_queue import FairQueue
 from uwserver.units import NANOSECONDS
 from uwserver.world.world import World
 
@@ -45,7 +45,7 @@ class Intake:
         batch: numbers the groups of requests that are carried out together.
     """
 
-    def __init__(self, world: World, posted: Turns[Posted], time: Time, stop: threading.Event) -> None:
+    def __init__(self, world: World, posted: FairQueue[Posted], time: Time, stop: threading.Event) -> None:
         """Begin without an observer.
 
         Args:
@@ -102,11 +102,11 @@ class Intake:
             if is_paced and (world.jumps != jumps or world.services is not services):
                 return
 
-    def within(self, budget_ns: int | None, turns: Turns[T]) -> Iterator[T]:
+    def within(self, budget_ns: int | None, queue: FairQueue[T]) -> Iterator[T]:
         """Yield waiting items, until the budget (ns of wall time, None for no limit) is used up."""
         end = None if budget_ns is None else self._time.now_ns() + budget_ns
-        for _ in range(len(turns)):  # what comes meanwhile waits for the next tick
-            item = turns.take()
+        for _ in range(len(queue)):  # what comes meanwhile waits for the next tick
+            item = queue.take()
             if item is None:
                 return
             yield item

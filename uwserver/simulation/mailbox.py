@@ -11,7 +11,7 @@ import numpy as np
 from uwserver.ports import Buffer, Call, Command, Field, OnReply
 from uwserver.ports.crossing import Posted
 from uwserver.ports.stops import is_withdrawn
-from uwserver.simulation.turns import Turns
+from uwserver.simulation.fair_queue import FairQueue
 
 _OF_OBJECTS = 4
 """Bytes of Python objects for each byte of a value's JSON text."""
@@ -49,7 +49,7 @@ class Mailbox:
 
     def __init__(self) -> None:
         self.wake = Wake()
-        self.posted: Turns[Posted] = Turns(self.wake)
+        self.posted: FairQueue[Posted] = FairQueue(self.wake)
 
     def post(
         self,
@@ -66,7 +66,7 @@ class Mailbox:
         Args:
             item, on_reply: the request, and the function that gets the reply.
             client: whose queue it joins; default: the client of its source.
-            always, first: as for `Turns.put`.
+            always, first: as for `FairQueue.put`.
             fields: as in `Posted`.
 
         Raises:
@@ -78,7 +78,7 @@ class Mailbox:
     def stop(self, call: Call, on_reply: OnReply | None, client: str = "") -> list[Posted]:
         """Queue the call of a service that stops a vehicle or a component, before all requests of its client.
 
-        Returns the requests that it withdraws. They are never carried out; the caller answers them. May raise as `Turns.overtake`.
+        Returns the requests that it withdraws. They are never carried out; the caller answers them. May raise as `FairQueue.overtake`.
         """
         return self.posted.overtake(
             client or client_of(call.source),

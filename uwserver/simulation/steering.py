@@ -7,8 +7,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from uwserver.ports import OnReply
+from uwserver.simulation.fair_queue import FairQueue
 from uwserver.simulation.mailbox import client_of
-from uwserver.simulation.turns import Turns
 
 
 class Steered(NamedTuple):
@@ -18,7 +18,7 @@ class Steered(NamedTuple):
     on_reply: OnReply | None = None
 
 
-class Steering(Turns[Steered]):
+class Steering(FairQueue[Steered]):
     """Actions that wait for the simulation thread, which takes them. Thread-safe."""
 
     def add(
@@ -30,12 +30,12 @@ class Steering(Turns[Steered]):
             action: to be carried out.
             source: the client.
             on_reply: of a request that a later pause withdraws.
-            always: as for `Turns.put`, whose `Refused` may be raised.
+            always: as for `FairQueue.put`, whose `Refused` may be raised.
         """
         self.put(client_of(source), Steered(action, on_reply), always=always)
 
     def stop(self, action: Callable[[], None], source: str, on_reply: OnReply) -> list[OnReply]:
-        """Queue a pause before all requests of its client. May raise as `Turns.overtake`.
+        """Queue a pause before all requests of its client. May raise as `FairQueue.overtake`.
 
         Returns the reply functions of the requests that are withdrawn; the caller has to answer them.
         """

@@ -109,7 +109,7 @@ class Simulation:
             on_reply: gets the answer.
             source: the client.
 
-        Returns its cancel function. May raise as `Turns.put` and, for a pause, `Turns.overtake`.
+        Returns its cancel function. May raise as `FairQueue.put` and, for a pause, `FairQueue.overtake`.
         """
         if service in ("world/step", "world/run_until", "world/run_until_tick"):
             make = partial(self._goal, service, args, client, on_reply)

@@ -14,8 +14,8 @@ from uwserver.ports.crossing import TickOutput
 from uwserver.ports.decimation import Decimation
 from uwserver.ports.sample_batch import SampleBatch
 from uwserver.simulation.bus import MAX_TICKS, Bus
+from uwserver.simulation.fair_queue import MAX_WAITING
 from uwserver.simulation.mailbox import Mailbox
-from uwserver.simulation.turns import MAX_WAITING
 from uwserver.testing import MockTime
 
 

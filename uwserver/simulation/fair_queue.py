@@ -24,7 +24,7 @@ MAX_BYTES_OF_ALL = 8 << 20
 too, as each full garbage collection visits them."""
 
 
-class Turns(Generic[T]):
+class FairQueue(Generic[T]):
     """A queue for each client. The clients are served in turn, and the requests of one client in their order. Thread-safe."""
 
     def __init__(self, wake: threading.Event) -> None:
