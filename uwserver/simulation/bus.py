@@ -236,7 +236,7 @@ class Bus:
         is_left = self._deliver_waiting(end)
         for send in [getattr(sink, "send_samples", None) for sink in self._sinks]:
             if send is not None:
-                answer(send)
+                call_safely(send)
         return is_left
 
     def _deliver_waiting(self, end: int | None) -> bool:
@@ -256,7 +256,7 @@ class Bus:
                 with self._lock:
                     self._waiting_ticks -= ticks
             else:
-                answer(item)
+                call_safely(item)
             is_over = end is not None and self._time.now_ns() >= end
 
     def _follow_ports(self, ports: Mapping[str, Port]) -> None:
@@ -275,7 +275,7 @@ class Bus:
         if output.ports is not None and (changed or output.jumps != self._jumps):  # All sinks have had the event.
             self.expect(output.ports, output.jumps)
         for on_reply, reply in output.replies:
-            answer(partial(on_reply, reply))
+            call_safely(partial(on_reply, reply))
         batch = output.batch
         if batch is None or batch.ticks == 1 or output.made or not self._others:
             self._give_samples(batch, output.made)
@@ -290,20 +290,20 @@ class Bus:
         if batch and self._batch_puts and not made:
             hearers = self._others
             for put in self._batch_puts:
-                answer(partial(put, batch))
+                call_safely(partial(put, batch))
         # A single sink makes sample objects of the rows as it needs them; for several sinks they are made once.
         samples: Sequence[Sample] = batch if batch and not made and len(hearers) < 2 else [*(batch or ()), *made]
         if samples:
             self.last.put(samples)
             for sink in tuple(hearers):
-                answer(partial(sink.put_samples, samples))
+                call_safely(partial(sink.put_samples, samples))
 
     def _put_event(self, event: Event) -> None:
         for sink in tuple(self._sinks):
-            answer(partial(sink.put_event, event))
+            call_safely(partial(sink.put_event, event))
 
 
-def answer(call: Callable[[], None]) -> None:
+def call_safely(call: Callable[[], None]) -> None:
     """Call a receiver. Its errors are logged and go no further."""
     try:
         call()
