@@ -206,7 +206,7 @@ class Simulation:
     def _tick(self) -> None:
         self.readers.begin()
         try:
-            output = self._free_ticks() if self._is_free() else self._one_tick()
+            output = self._several_ticks() if self._may_make_several() else self._one_tick()
         except Diverged as error:
             self.lateness.ticks += error.output.ticks
             self._intake.batch += 1
@@ -232,12 +232,12 @@ class Simulation:
     def _one_tick(self) -> TickOutput:
         return self.world.advance(self._intake.for_tick(self._is_paced()))
 
-    def _is_free(self) -> bool:
+    def _may_make_several(self) -> bool:
         """Return whether nothing paces ticks, and nothing needs each of them: then several may be made in one call."""
-        is_free = self._goals.hurries or self.timing.mode == "freerun"
-        return is_free and not (self.lockstep.asks or self.world.is_watched)
+        is_unpaced = self._goals.hurries or self.timing.mode == "freerun"
+        return is_unpaced and not (self.lockstep.asks or self.world.is_watched)
 
-    def _free_ticks(self) -> TickOutput:
+    def _several_ticks(self) -> TickOutput:
         """Make several ticks in one call, up to the next tick that something waits for. Waiting requests are carried out first. If they set
         the time, or an observer follows them, a single tick is made instead."""
         observer = self._intake.observer
