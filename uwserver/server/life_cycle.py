@@ -236,7 +236,7 @@ class Server:
             if tick < live.world.tick:
                 raise StartFailed(f"the state at {t_s:g} s cannot be saved: the run begins later")
             if self.hub.files is not None:
-                live.appoint(tick, partial(self.hub.files.save_now, path, _log_fault))
+                live.call_at(tick, partial(self.hub.files.save_now, path, _log_fault))
         if self._options.until_s is not None:
             live.until_tick = live.world.ticks.at(self._options.until_s)
 

@@ -62,7 +62,7 @@ class Simulation:
         self._goals, self._jumps = Goals(world, bus, time, self._stay_paused), world.jumps
         self._intake = Intake(world, mailbox.posted, time, self._stop)
         self._publish, self._record = bus.publish, self._intake.ticked
-        self._appointments: list[tuple[int, Callable[[], None]]] = []
+        self._callbacks: list[tuple[int, Callable[[], None]]] = []
 
     # -- from the loop --------------------------------------------------------------------------------------------------------------
 
@@ -79,9 +79,9 @@ class Simulation:
         """Carry out an action between two ticks. `source`, `always` and errors are as for `Steering.add`."""
         self._steering.add(action, source, always=always)
 
-    def appoint(self, tick: int, action: Callable[[], None]) -> None:
+    def call_at(self, tick: int, action: Callable[[], None]) -> None:
         """Let the simulation thread call something quick as soon as the world has reached a tick. Called before `run`."""
-        self._appointments.append((tick, action))
+        self._callbacks.append((tick, action))
 
     def begin_from(self, data: bytes) -> str:
         """Go to a saved state, by a call of the first tick, so that a recording has it. Called before `run`.
@@ -142,7 +142,7 @@ class Simulation:
         gc.collect()
         gc.freeze()
         try:
-            self._keep_appointments()
+            self._call_due()
             while not self._is_over():
                 self._turn()
         except Exception as error:
@@ -225,7 +225,7 @@ class Simulation:
             self._record()
         self._publish(output, wake=self.lockstep.wakes())
         self._follow_jump()
-        self._keep_appointments()
+        self._call_due()
         if len(self._goals):
             self._goals.check()
 
@@ -244,7 +244,7 @@ class Simulation:
         if len(self.mailbox.posted) and (observer is not None or self._answer_first()):
             return self._one_tick()
         before = self.world.tick
-        ends = [goal.tick for goal in self._goals] + [tick for tick, _ in self._appointments]
+        ends = [goal.tick for goal in self._goals] + [tick for tick, _ in self._callbacks]
         if observer is not None:
             ends.append(observer.next_tick(before))
         ends += [] if self.until_tick is None else [self.until_tick]
@@ -260,10 +260,10 @@ class Simulation:
         self._carry_out()
         return self.world.jumps != jumps
 
-    def _keep_appointments(self) -> None:
-        for appointment in [each for each in self._appointments if each[0] <= self.world.tick]:
-            self._appointments.remove(appointment)
-            appointment[1]()
+    def _call_due(self) -> None:
+        for callback in [each for each in self._callbacks if each[0] <= self.world.tick]:
+            self._callbacks.remove(callback)
+            callback[1]()
 
     def _idle(self) -> None:
         """Answer the posted requests without a tick, then sleep until the next one."""

@@ -299,12 +299,12 @@ def test_a_slow_loop_loses_nothing_in_freerun(resolved):
 
 
 def test_ticks_in_one_go_end_where_somebody_waits_for_one(resolved):
-    """Goals, the last tick of a run, and appointments; and each tick is counted."""
+    """Goals, the last tick of a run, and callbacks; and each tick is counted."""
     kept = []
     rig = Rig(resolved, FREE)
     rig.simulation.until_tick = 500
     for tick in (37, 38, 191):
-        rig.simulation.appoint(tick, lambda: kept.append(rig.world.tick))
+        rig.simulation.call_at(tick, lambda: kept.append(rig.world.tick))
     lengths = spied(rig.world)
     rig.simulation.run()
     assert kept == [37, 38, 191]
@@ -349,7 +349,7 @@ def test_what_comes_while_others_are_answered_waits_for_one_tick(resolved):
 
     rig.bus.publish = rig.simulation._publish = publish
     lengths = spied(rig.world)
-    rig.simulation.appoint(30, lambda: rig.mailbox.post(Call("world/state_hash", {}), lambda reply: None))
+    rig.simulation.call_at(30, lambda: rig.mailbox.post(Call("world/state_hash", {}), lambda reply: None))
     rig.simulation.run()
     assert said == [30, 31]
     assert rig.world.tick == 100
