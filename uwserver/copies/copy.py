@@ -130,7 +130,7 @@ class Copy:
             part.load(state)
         self.world.parts["world/commands"].load(None)
         self.world.hydro.touching.keep(NO_IMPULSES)
-        self.world.sensor_arrays.send_on_their_way(0, _NO_ENTRIES, _NO_NUMBERS)
+        self.world.sensor_arrays.put_in_flight(0, _NO_ENTRIES, _NO_NUMBERS)
         for live, kept in zip(self._live, self._kept, strict=True):
             live[:] = kept
 

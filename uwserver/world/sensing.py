@@ -17,7 +17,7 @@ from uwserver.step.streams import ENTRY, KEPT, LARGE, LISTENED, NEVER, READ, SMA
 from uwserver.units import NANOSECONDS
 from uwserver.world.components import SensorStream
 from uwserver.world.computing import DROP, wait_for_values
-from uwserver.world.on_their_way import WAY, OnTheirWay
+from uwserver.world.in_flight import IN_FLIGHT, InFlightSamples
 from uwserver.world.part import Part
 from uwserver.world.profile import Timer, untimed
 from uwserver.world.python_readings import PythonReadings
@@ -44,7 +44,7 @@ class Sensing(Part):
     """
 
     path = "world/samples"
-    state_type = OnTheirWay
+    state_type = InFlightSamples
 
     def __init__(self, slots: Mapping[str, SensorSlot], sensor_arrays: SensorArrays) -> None:
         """Begin without sensors, in a world that is still being built.
@@ -259,14 +259,14 @@ class Sensing(Part):
 
     # -- state ----------------------------------------------------------------------------------------------------------------------
 
-    def save(self) -> OnTheirWay:
+    def save(self) -> InFlightSamples:
         """Return the samples in flight, in the order of their delivery."""
-        order, pending, numbers = self._sensor_arrays.on_their_way()
+        order, pending, numbers = self._sensor_arrays.in_flight()
         if not len(pending):
-            return OnTheirWay(order, (), b"", b"", ())
+            return InFlightSamples(order, (), b"", b"", ())
         ports: dict[int, int] = {}
         places = [ports.setdefault(k, len(ports)) for k in pending["stream"].tolist()]
-        entries = np.empty(len(pending), WAY)
+        entries = np.empty(len(pending), IN_FLIGHT)
         for name in ("t_sent_ns", "order", "seq", "t_ns", "valid"):
             entries[name] = pending[name]
         entries["port"] = places
@@ -280,7 +280,7 @@ class Sensing(Part):
                     kept = pictures if k in self.under_way.streams else loose
                     kept.append(stream.coming.get(seq, stream.loose))
         paths = tuple([stream.port.path for stream in streams])
-        return OnTheirWay(order, paths, entries.tobytes(), numbers.tobytes(), tuple(loose), tuple(pictures))
+        return InFlightSamples(order, paths, entries.tobytes(), numbers.tobytes(), tuple(loose), tuple(pictures))
 
     def check(self, state: Any) -> None:
         """Raise ValueError if a sample is not of a sensor of this world, or does not fit its fields."""
@@ -298,7 +298,7 @@ class Sensing(Part):
         for (stream, _), values in zip(wordy + slow, state.loose + state.pictures, strict=True):
             check_values([stream.port.fields[k] for k in stream.columns.loose], values)
 
-    def _loose_samples(self, state: OnTheirWay, entries: Any) -> tuple[list[tuple[SensorStream, int]], ...]:
+    def _loose_samples(self, state: InFlightSamples, entries: Any) -> tuple[list[tuple[SensorStream, int]], ...]:
         """Return stream and number of each sample whose values are in `loose` of a state, and of each sample whose values are in
         `pictures`."""
         numbers = [self.numbers[path] for path in state.ports]
@@ -307,11 +307,11 @@ class Sensing(Part):
         takes_time = self.under_way.streams
         return tuple([[(self._streams[k], n) for k, n in each if (k in takes_time) is slow] for slow in (False, True)])
 
-    def load(self, state: OnTheirWay) -> None:
+    def load(self, state: InFlightSamples) -> None:
         """Put the samples of a checked state in flight."""
         for stream in self._wordy:
             stream.coming.clear()
-        given = np.frombuffer(state.entries, WAY)
+        given = np.frombuffer(state.entries, IN_FLIGHT)
         entries = np.zeros(len(given), ENTRY)
         for name in ("t_sent_ns", "order", "seq", "t_ns", "valid"):
             entries[name] = given[name]
@@ -321,7 +321,7 @@ class Sensing(Part):
         for known, each in zip(self._loose_samples(state, given), (state.loose, state.pictures), strict=True):
             for (stream, seq), values in zip(known, each, strict=True):
                 stream.coming[seq] = values
-        self._sensor_arrays.send_on_their_way(state.order, entries, np.frombuffer(state.numbers))
+        self._sensor_arrays.put_in_flight(state.order, entries, np.frombuffer(state.numbers))
 
     def leave(self, why: str) -> None:
         """End the thread that computes readings, as the run ends."""

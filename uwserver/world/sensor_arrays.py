@@ -87,7 +87,7 @@ class SensorArrays:
         self._counts_as_int64 = self._counts.view(np.int64)  # An array of int64 is quicker to read than a record.
         self._values, self._delivered_values = np.zeros((_SLOTS, 1)), np.zeros((_SLOTS, 1))
         self._wordy, self._decimations = np.zeros(_SLOTS, np.int64), np.zeros(0, DECIMATION)
-        self.next_ns, self.wordy_count, self._on_their_way = NEVER, 0, 0
+        self.next_ns, self.wordy_count, self._in_flight = NEVER, 0, 0
         self.log, self.logged = Log(np.zeros(0, ENTRY), np.zeros(0)), 0
         self._log_room = 0
         self.gather(())
@@ -182,10 +182,10 @@ class SensorArrays:
         self._wordy = _grown(self._wordy, more)  # In a tick, sensors measure in several rounds.
         self._tabulate()
 
-    def on_their_way(self) -> tuple[int, Any, FloatArray]:
+    def in_flight(self) -> tuple[int, Any, FloatArray]:
         """Return how many samples were ever in flight, the ENTRY of each that is in flight now, in the order of delivery, and their numbers
         one after the other."""
-        entries = self._pending[: self._on_their_way]
+        entries = self._pending[: self._in_flight]
         if not len(entries):
             return int(self._counts["order"][0]), entries, _NONE
         entries = entries[np.lexsort((entries["order"], entries["t_sent_ns"]))]
@@ -196,21 +196,21 @@ class SensorArrays:
         """Return a mask (n, width) of the numbers that belong to each of n entries, in rows of that width."""
         return np.arange(width) < self.streams.rows["width"][entries["stream"]][:, None]
 
-    def send_on_their_way(self, order: int, entries: Any, numbers: FloatArray) -> None:
-        """Put these samples in flight, and no others; the arguments are as `on_their_way` returns them."""
+    def put_in_flight(self, order: int, entries: Any, numbers: FloatArray) -> None:
+        """Put these samples in flight, and no others; the arguments are as `in_flight` returns them."""
         n = len(entries)
         self._make_room(n)
         self._free[:] = np.arange(len(self._free))
         self._pending[:n] = entries
         self._pending["slot"][:n] = np.arange(n)
         self._values[:n][self._number_mask(entries, self._values.shape[1])] = numbers
-        self._on_their_way = n
+        self._in_flight = n
         self._counts["pending"], self._counts["delivered"], self._counts["order"] = n, 0, order
         self._counts["next_ns"] = self.next_ns = int(entries["t_sent_ns"][0]) if n else NEVER
 
     def arriving(self, t_ns: int) -> list[tuple[int, int, int]]:
         """Return place, stream and number of each sample in flight that is due at a time."""
-        entries = self._pending[: self._on_their_way]
+        entries = self._pending[: self._in_flight]
         places = np.flatnonzero(entries["t_sent_ns"] <= t_ns)
         return list(
             zip(places.tolist(), entries["stream"][places].tolist(), entries["seq"][places].tolist(), strict=True)
@@ -222,11 +222,11 @@ class SensorArrays:
 
     def lose(self, is_lost: Callable[[int, int], bool]) -> None:
         """Remove samples in flight, chosen by stream and number. Called between two deliveries."""
-        order, entries, numbers = self.on_their_way()
+        order, entries, numbers = self.in_flight()
         stays = np.array([not is_lost(k, n) for k, n in entries[["stream", "seq"]].tolist()], bool)
         if not stays.all():
             widths = self.streams.rows["width"][entries["stream"]]
-            self.send_on_their_way(order, entries[stays], numbers[np.repeat(stays, widths)])
+            self.put_in_flight(order, entries[stays], numbers[np.repeat(stays, widths)])
 
     def forget_newest(self) -> None:
         """Forget the newest samples, as the time was set and they belong to another time."""
@@ -289,7 +289,7 @@ class SensorArrays:
 
     def make_room(self, most: int) -> None:
         """Have room for the samples of a tick, at most `most`. Called between two ticks, when all samples of the first have been handed on."""
-        needed = self._on_their_way + most
+        needed = self._in_flight + most
         self._make_room(needed)
         numbers = int(self._counts["log_width"][0]) + needed * self._values.shape[1]
         if self.is_read and (self.logged + needed > self._log_room or numbers > len(self.log.numbers)):
@@ -297,7 +297,7 @@ class SensorArrays:
 
     def take_over(self) -> None:
         """Read the counts after compiled code has delivered samples."""
-        self._on_their_way, _, _, self.next_ns, _, self.wordy_count, self.logged, _ = self._counts_as_int64.tolist()
+        self._in_flight, _, _, self.next_ns, _, self.wordy_count, self.logged, _ = self._counts_as_int64.tolist()
 
     def _begin_log(self, needed: int) -> None:
         """Begin another log, with room for at least `needed` samples. Readers of samples in the old log keep it alive."""

@@ -31,7 +31,7 @@ def test_whatever_is_on_its_way_comes_in_the_order_of_its_time_and_then_of_its_s
         due = sorted(entry for entry in expected if entry[0] <= 10 * n)
         assert arrived == [t for t, _ in due]
         delivered += len(samples)
-        order, entries, _ = rig.sensor_arrays.on_their_way()
+        order, entries, _ = rig.sensor_arrays.in_flight()
         expected = list(zip(entries["t_sent_ns"].tolist(), entries["order"].tolist(), strict=True))
         assert expected == sorted(expected)
         assert len({*entries["slot"].tolist()}) == len(entries), "two samples in one place"

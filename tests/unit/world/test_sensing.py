@@ -13,7 +13,7 @@ from uwserver.modifiers import Measurement
 from uwserver.ports import Buffer, Field, Port, Sample, sample_batch
 from uwserver.sensors import Sensor
 from uwserver.world.components import SensorStream
-from uwserver.world.on_their_way import WAY, OnTheirWay
+from uwserver.world.in_flight import IN_FLIGHT, InFlightSamples
 from uwserver.world.sensor_slot import SensorSlot
 
 
@@ -98,9 +98,9 @@ def test_a_state_holds_nothing_of_where_others_have_been() -> None:
     assert used.slots["a"].save() == fresh.slots["a"].save()
 
 
-def way(*entry: int, ports: tuple[str, ...] = ("a",), numbers: Any = (1.0,), loose: Any = ()) -> OnTheirWay:
+def way(*entry: int, ports: tuple[str, ...] = ("a",), numbers: Any = (1.0,), loose: Any = ()) -> InFlightSamples:
     entries = np.array([entry[k : k + 6] for k in range(0, len(entry), 6)]).astype(np.int64)
-    return OnTheirWay(5, ports, entries.tobytes(), np.array(numbers, float).tobytes(), loose)
+    return InFlightSamples(5, ports, entries.tobytes(), np.array(numbers, float).tobytes(), loose)
 
 
 @pytest.mark.parametrize(
@@ -121,7 +121,7 @@ def way(*entry: int, ports: tuple[str, ...] = ("a",), numbers: Any = (1.0,), loo
         (structs.replace(way(1, 1, 0, 0, 0, 1), entries=bytes(7)), "within a record"),
     ],
 )
-def test_samples_that_cannot_be_are_refused(state: OnTheirWay, text: str) -> None:
+def test_samples_that_cannot_be_are_refused(state: InFlightSamples, text: str) -> None:
     with pytest.raises(ValueError, match=text):
         Rig(slot("a"), slot("words", kind=Speaker)).sensing.check(state)
 
@@ -134,7 +134,7 @@ def test_two_of_one_number_on_their_way_do_no_harm() -> None:
     rig.sensing.load(state)
     assert len(rig.sensing.save().loose) == 2
     assert [sample.value[0] for sample in rig.samples(1)][:2] == [1.0, 2.0]
-    assert WAY.itemsize * 2 == len(state.entries)
+    assert IN_FLIGHT.itemsize * 2 == len(state.entries)
 
 
 # -- on demand -----------------------------------------------------------------------------------------------------------------------------

@@ -59,15 +59,15 @@ def test_samples_on_their_way_can_be_put_back() -> None:
     rig, other = (Rig(slot_of(path="a", latency_ns=95), slot_of(path="b", latency_ns=85)) for _ in range(2))
     for n in (1, 2, 3):
         rig.tick(n)
-    order, entries, numbers = rig.sensor_arrays.on_their_way()
-    other.sensor_arrays.send_on_their_way(order, entries, numbers)
-    again = other.sensor_arrays.on_their_way()
+    order, entries, numbers = rig.sensor_arrays.in_flight()
+    other.sensor_arrays.put_in_flight(order, entries, numbers)
+    again = other.sensor_arrays.in_flight()
     assert again[0] == order == 6
     assert again[2].tolist() == numbers.tolist() == [1.0, 1.0, 2.0, 2.0, 3.0, 3.0]
     names = [name for name in entries.dtype.names if name != "slot"]
     assert again[1][names].tolist() == entries[names].tolist()
-    other.sensor_arrays.send_on_their_way(order, entries[:0], np.zeros(0))
-    assert len(other.sensor_arrays.on_their_way()[1]) == 0
+    other.sensor_arrays.put_in_flight(order, entries[:0], np.zeros(0))
+    assert len(other.sensor_arrays.in_flight()[1]) == 0
 
 
 def test_one_body_is_seen_by_all_its_sensors_alike() -> None:

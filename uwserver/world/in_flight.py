@@ -12,11 +12,11 @@ from uwserver.world.components import Count, computed
 from uwserver.world.part import State
 
 _MOST = 65536
-WAY = np.dtype([(name, "i8") for name in ("t_sent_ns", "order", "port", "seq", "t_ns", "valid")])
+IN_FLIGHT = np.dtype([(name, "i8") for name in ("t_sent_ns", "order", "port", "seq", "t_ns", "valid")])
 """A sample in flight in a state; `port` is its place in the ports of that state."""
 
 
-class OnTheirWay(State, frozen=True, omit_defaults=True):
+class InFlightSamples(State, frozen=True, omit_defaults=True):
     """The samples in flight.
 
     Attributes:
@@ -31,28 +31,28 @@ class OnTheirWay(State, frozen=True, omit_defaults=True):
 
     order: Count
     ports: Annotated[tuple[str, ...], Meta(max_length=_MOST)]
-    entries: Annotated[bytes, Meta(max_length=_MOST * WAY.itemsize)]
+    entries: Annotated[bytes, Meta(max_length=_MOST * IN_FLIGHT.itemsize)]
     numbers: bytes
     loose: Annotated[tuple[tuple[Value, ...], ...], Meta(max_length=_MOST)]
     pictures: Annotated[tuple[tuple[Value, ...], ...], Meta(max_length=_MOST)] = ()
 
-    def deciding(self) -> OnTheirWay:
+    def deciding(self) -> InFlightSamples:
         """Leave the pictures out: they follow from the other values, and may still be under computation."""
         return structs.replace(self, pictures=()) if self.pictures else self
 
-    def completed(self) -> OnTheirWay:
+    def completed(self) -> InFlightSamples:
         """Wait for the pictures, and put them in."""
         return structs.replace(self, pictures=computed(self.pictures))
 
     def checked_entries(self) -> Any:
-        """Return the records (WAY) of the samples.
+        """Return the records (IN_FLIGHT) of the samples.
 
         Raises:
             ValueError: the records are not possible.
         """
-        if len(self.entries) % WAY.itemsize:
+        if len(self.entries) % IN_FLIGHT.itemsize:
             raise ValueError("the samples in flight end within a record")
-        entries = np.frombuffer(self.entries, WAY)
+        entries = np.frombuffer(self.entries, IN_FLIGHT)
         limits = {
             "t_sent_ns": 2**62,
             "order": self.order,
