@@ -75,9 +75,9 @@ class Intake:
         """Return the requests for a tick, as `requests`. In real time, readings under computation that would be late are dropped first, as
         the tick must not wait for them."""
         world = self._world
-        if is_paced and not world.sensing.under_way.is_idle:
+        if is_paced and not world.sensing.pending_jobs.is_idle:
             tick = world.tick + 1
-            for call in world.sensing.under_way.late(tick, world.ticks.time_of(tick)):
+            for call in world.sensing.pending_jobs.late(tick, world.ticks.time_of(tick)):
                 self.submit(Posted(call, None))
         return self.requests(is_paced)
 

@@ -1,7 +1,7 @@
 """Computes readings that take time, in a thread of the world.
 
 The thread begins with the first job and ends with the world. A world always waits for a reading that is due, so its run does not depend on
-the speed of the machine. In real time, the simulation calls `UnderWay.late` before each tick and posts the calls that it returns. These
+the speed of the machine. In real time, the simulation calls `PendingJobs.late` before each tick and posts the calls that it returns. These
 calls drop readings, so that the world need not wait for them.
 """
 

@@ -19,12 +19,12 @@ from uwserver.world.components import SensorStream
 from uwserver.world.computing import DROP, wait_for_values
 from uwserver.world.in_flight import IN_FLIGHT, InFlightSamples
 from uwserver.world.part import Part
+from uwserver.world.pending_jobs import PendingJobs
 from uwserver.world.profile import Timer, untimed
 from uwserver.world.python_readings import PythonReadings
 from uwserver.world.sensor_arrays import SensorArrays
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.timetable import Group, groups_of
-from uwserver.world.under_way import UnderWay
 
 _EARLY_NS = 2
 """Times in seconds are rounded by less than this, up to a hundred days. A sensor that is called earlier by so much has nothing to do yet."""
@@ -39,7 +39,7 @@ class Sensing(Part):
         python_readings: the Python work for the sensors that are due.
         casts_rays: whether some of them cast rays.
         callable: how many samples can come from the sensors that may be called.
-        under_way: readings that take time.
+        pending_jobs: readings that take time.
         tell: hands the delivered samples of some ticks on; see `_tell`.
     """
 
@@ -70,8 +70,8 @@ class Sensing(Part):
         self._is_read = self._mask_of(())
         self._batch: SampleBatch | None = None
         self.numbers: dict[str, int] = {}
-        self.under_way = UnderWay(sensor_arrays, self._is_needed)
-        self.services = ((DROP, self.under_way.drop),)
+        self.pending_jobs = PendingJobs(sensor_arrays, self._is_needed)
+        self.services = ((DROP, self.pending_jobs.drop),)
         self.watch(untimed)
 
     def watch(self, timed: Timer) -> None:
@@ -106,7 +106,7 @@ class Sensing(Part):
         wordy = {k: SMALL if s.columns.is_small else LARGE for k, s in streams.items() if s.columns.loose}
         self._sensor_arrays.streams.rows["wordy"] = 0
         self._sensor_arrays.streams.rows["wordy"][[*wordy]] = [*wordy.values()]
-        self.under_way.sensors_changed(slots.values())
+        self.pending_jobs.sensors_changed(slots.values())
         self._sensor_arrays.gather({id(s.wiring): s.wiring for s in slots.values() if s.wiring is not None}.values())
 
     def subscribe(self, ports: Container[str] | None, decimations: Decimations = EVERY_SAMPLE) -> None:
@@ -277,7 +277,7 @@ class Sensing(Part):
             for k, seq in zip(pending["stream"].tolist(), pending["seq"].tolist(), strict=True):
                 stream = self._streams[k]
                 if stream.columns.loose:
-                    kept = pictures if k in self.under_way.streams else loose
+                    kept = pictures if k in self.pending_jobs.streams else loose
                     kept.append(stream.coming.get(seq, stream.loose))
         paths = tuple([stream.port.path for stream in streams])
         return InFlightSamples(order, paths, entries.tobytes(), numbers.tobytes(), tuple(loose), tuple(pictures))
@@ -304,7 +304,7 @@ class Sensing(Part):
         numbers = [self.numbers[path] for path in state.ports]
         each = [(numbers[place], seq) for place, seq in entries[["port", "seq"]].tolist()]
         each = [(k, seq) for k, seq in each if self._streams[k].columns.loose]
-        takes_time = self.under_way.streams
+        takes_time = self.pending_jobs.streams
         return tuple([[(self._streams[k], n) for k, n in each if (k in takes_time) is slow] for slow in (False, True)])
 
     def load(self, state: InFlightSamples) -> None:
@@ -317,7 +317,7 @@ class Sensing(Part):
             entries[name] = given[name]
         numbers = np.array([self.numbers[path] for path in state.ports], np.int64)
         entries["stream"] = numbers[given["port"]]
-        self.under_way.forget()
+        self.pending_jobs.forget()
         for known, each in zip(self._loose_samples(state, given), (state.loose, state.pictures), strict=True):
             for (stream, seq), values in zip(known, each, strict=True):
                 stream.coming[seq] = values

@@ -83,7 +83,7 @@ class Stepping:
         self._answers = {
             rows.PILOTS: lambda: self._pilots.attend(self._now[1]), rows.FORCES: lambda: run_parts(self.schedule.forces, *self._now),
             rows.FIND: given.hydro.find_contacts, rows.DRAW: self._draw, rows.FLOW: self._follow,
-            rows.ARRIVALS: lambda: self._sensing.under_way.arrive(self._now[1]),
+            rows.ARRIVALS: lambda: self._sensing.pending_jobs.arrive(self._now[1]),
             rows.PYTHON: lambda: self._sensing.python_readings.sense(self._due, self._now[1]), rows.WRITE: self._write, rows.KEEP: self._keep,
             rows.ROOM: self._make_room, rows.CALLED: self._call,
         }  # fmt: skip
@@ -153,7 +153,7 @@ class Stepping:
         if reached[_ENDS] or with_words:
             self._sensing.tell(self._first, self.given.ends[: reached[_ENDS]].tolist(), with_words, samples)
         if why == rows.END:
-            self._sensing.under_way.purge()
+            self._sensing.pending_jobs.purge()
             for act in self.schedule.last:
                 act(*self._now, samples)
 
@@ -172,7 +172,7 @@ class Stepping:
         follow_ns = min([NEVER, *(part.after_ns for part, _ in schedule.follow)])
         self.given.run[_ASKED] = (
             first, until, next_tick(schedule.forces), collider is not None and self.given.finding() is None, follow_ns, sensing.call_ns,
-            sensing.callable, not sensing.under_way.is_idle, 2 if schedule.last else bool(schedule.listeners), self.profile is not None,
+            sensing.callable, not sensing.pending_jobs.is_idle, 2 if schedule.last else bool(schedule.listeners), self.profile is not None,
         )  # fmt: skip
 
     def ask_again(self) -> None:
@@ -265,7 +265,7 @@ class Stepping:
 
     def _keep(self) -> None:
         for slot in self._sensing.python_readings.keep(self._due):
-            self._sensing.under_way.take(slot, self._now[1])
+            self._sensing.pending_jobs.take(slot, self._now[1])
 
     def _make_room(self) -> None:
         self._sensor_arrays.make_room(int(self.given.run[_WHICH]))

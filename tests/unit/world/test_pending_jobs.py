@@ -97,16 +97,16 @@ def test_only_what_is_under_way_or_next_can_be_dropped(slow: Callable[..., World
 
 def test_what_cannot_be_ready_is_told_to_who_must_not_wait(slow: Callable[..., World]) -> None:
     world = slow("delay_s = 0.06")
-    under_way, at = world.sensing.under_way, world.ticks.time_of
+    pending_jobs, at = world.sensing.pending_jobs, world.ticks.time_of
     kind_of(world).gate.clear()
     world.step(10)
-    assert under_way.late(11, at(11)) == []
+    assert pending_jobs.late(11, at(11)) == []
     world.step(9)
-    (begins,) = under_way.late(20, at(20))  # the one before is still computed
+    (begins,) = pending_jobs.late(20, at(20))  # the one before is still computed
     assert (begins.service, dict(begins.args)) == ("world/drop_reading", {"port": PORT, "number": 1})
     world.call(begins.service, **begins.args)
     world.step(5)
-    (due,) = under_way.late(25, at(25))
+    (due,) = pending_jobs.late(25, at(25))
     assert dict(due.args) == {"port": PORT, "number": 0}
     world.call(due.service, **due.args)
     assert pictures(world.step(4)) == []  # waits for nothing
@@ -175,7 +175,7 @@ def test_a_vehicle_that_goes_leaves_nothing_behind(slow: Callable[..., World]) -
     world.step(12)
     kind = kind_of(world)
     world.dismiss("rov")
-    assert world.sensing.under_way.is_idle
+    assert world.sensing.pending_jobs.is_idle
     assert world.step(40) == []  # waits for nothing
     kind.gate.set()
     world.end("over")

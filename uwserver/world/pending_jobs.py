@@ -13,7 +13,7 @@ from uwserver.world.sensor_arrays import SensorArrays
 from uwserver.world.sensor_slot import SensorSlot
 
 
-class UnderWay:
+class PendingJobs:
     """The readings of a world that take time.
 
     Attributes:
