@@ -196,5 +196,5 @@ def _stateful(part: Part) -> bool:
     """Return whether a part has state that is not in the arrays."""
     if isinstance(part, SensorSlot):
         is_made = any(stream.is_ready_made for stream in part.streams)
-        return not isinstance(part.sensor, CompiledSensor) or part.is_wordy or is_made
+        return not isinstance(part.sensor, CompiledSensor) or part.has_loose or is_made
     return part.path not in _STATELESS

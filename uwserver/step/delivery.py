@@ -21,7 +21,7 @@ _LEAST = 16
 _heads, _streams, _operations = array_at(FORMS, "heads"), array_at(FORMS, "streams"), array_at(FORMS, "operations")
 _numbers, _pending, _free = array_at(FORMS, "numbers"), array_at(FORMS, "pending"), array_at(FORMS, "free")
 _delivered, _counts, _team = array_at(FORMS, "delivered"), array_at(FORMS, "counts"), array_at(FORMS, "team")
-_decimations, _wordy = array_at(FORMS, "decimations"), array_at(FORMS, "wordy")
+_decimations, _loose = array_at(FORMS, "decimations"), array_at(FORMS, "loose")
 _log, _log_numbers = array_at(FORMS, "log"), array_at(FORMS, "log_numbers")
 
 
@@ -130,9 +130,9 @@ def _tell(
         is_whole = stream.decimation_count == 0 or stream.unordered != 0
         if stream.use == READ and (is_whole or _is_taken(table, stream, t_ns)):
             _log_in(table, delivered, values, first, stream.width, texts)
-        if stream.wordy != 0 and texts == 0:
-            _wordy(table)[counts.wordy] = counts.delivered
-            counts.wordy += 1
+        if stream.loose != 0 and texts == 0:
+            _loose(table)[counts.loose] = counts.delivered
+            counts.loose += 1
         counts.delivered += 1
 
 
@@ -221,7 +221,7 @@ def deliver(table: Array, due: Array, t_ns: int, begins: bool, values: Array, de
         begins: this is the first call in a tick. Samples in flight are then delivered first, as they are older than anything measured now.
         values: (n, w) numbers of the samples in flight, by slot.
         delivered_values: (m, w) receives the numbers of delivered samples of streams that somebody reads or hears. Their entries are in `delivered`.
-            Samples that are read are appended to `log` as well; `slot` of the entry is the place there. `wordy` receives the places in `delivered` of
+            Samples that are read are appended to `log` as well; `slot` of the entry is the place there. `loose` receives the places in `delivered` of
             the samples with values that are no numbers.
 
     Returns:
@@ -230,7 +230,7 @@ def deliver(table: Array, due: Array, t_ns: int, begins: bool, values: Array, de
     heads, streams, counts = _heads(table), _streams(table), _counts(table)[0]
     share(_team(table), _disturb_range, (table, due, t_ns, values.shape[1]), len(due), _LEAST)
     if begins:
-        counts.delivered = counts.read = counts.wordy = 0
+        counts.delivered = counts.read = counts.loose = 0
         _arrive(table, values, delivered_values, t_ns)
     for k in due:
         head = heads[k]

@@ -107,7 +107,7 @@ def brings_large(table: Array, sensors: Array) -> bool:
     if counts.pending > 0:
         t_ns = time_of(_course(table)[0], _run(table)[0].tick + 1)
         for k in range(counts.pending):
-            found = found or (pending[k].t_sent_ns <= t_ns and all_streams[pending[k].stream].wordy == LARGE)
+            found = found or (pending[k].t_sent_ns <= t_ns and all_streams[pending[k].stream].loose == LARGE)
     return found
 
 

@@ -31,7 +31,7 @@ STREAM = np.dtype(
         ("frozen", "i8"),  # 1: a fault makes the stream repeat its last reading
         ("use", "i8"),  # READ: somebody reads the samples; LISTENED: only compiled code does; KEPT: nobody does
         (
-            "wordy",
+            "loose",
             "i8",
         ),  # SMALL or LARGE: values that are no numbers (texts, or pictures) wait in Python for each sample; 0: there are none
         (
@@ -77,7 +77,7 @@ COUNTS = np.dtype(
         ("order", "i8"),  # samples that were ever in flight
         ("next_ns", "i8"),  # time at which the next one in flight arrives
         ("read", "i8"),  # of `delivered`: samples that somebody reads
-        ("wordy", "i8"),  # of `delivered`: samples with values that are no numbers
+        ("loose", "i8"),  # of `delivered`: samples with values that are no numbers
         ("logged", "i8"),  # entries in the log
         ("log_width", "i8"),  # numbers in the log
     ]
@@ -98,7 +98,7 @@ FORMS: Forms = {
     "free": columns(np.int64),
     "delivered": ENTRY,
     "decimations": DECIMATION,
-    "wordy": columns(np.int64),
+    "loose": columns(np.int64),
     "log": ENTRY,
     "log_numbers": columns(np.float64),
     "team": columns(np.int64),

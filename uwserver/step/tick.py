@@ -166,9 +166,9 @@ def _go_on(table: Array, sensors: Array, values: Array, delivered_values: Array)
     if is_read:
         _ends(table)[run.ends] = counts.logged
         run.ends += 1
-    has_words = run.begun != 0 and counts.wordy > 0
+    has_loose = run.begun != 0 and counts.loose > 0
     is_looked_at = run.looks_back == 2 or (is_read and run.looks_back == 1)
-    return END if has_words or is_looked_at or (run.slow != 0 and run.begun != 0) else DONE
+    return END if has_loose or is_looked_at or (run.slow != 0 and run.begun != 0) else DONE
 
 
 @entry

@@ -100,17 +100,17 @@ class PythonReadings:
         others = [slot for slot in slots if not is_written(slot)]
         compiled = {slot for slot in others if isinstance(slot.sensor, CompiledSensor) or is_repeated(slot)}
         in_python = [slot for slot in others if slot not in compiled and not slot.writes]
-        wordy = [slot for slot in others if slot.is_wordy]
+        with_loose = [slot for slot in others if slot.has_loose]
         ready_made = [slot for slot in others if any(stream.is_ready_made for stream in slot.streams)]
         return _Work(
             tuple((slot, timed("sensors", kind_of(slot.sensor), slot.read, 1)) for slot in in_python),
-            tuple(slot.take_loose for slot in others if slot.is_wordy and isinstance(slot.sensor, CompiledSensor)),
+            tuple(slot.take_loose for slot in others if slot.has_loose and isinstance(slot.sensor, CompiledSensor)),
             self._writers(slot for slot in others if slot.writes),
             self._writers(texts),
             tuple(timed("delivery", "errors in Python", slot.disturb) for slot in ready_made),
-            (_keeper(wordy, sensor_arrays),) if wordy else (),
+            (_keeper(with_loose, sensor_arrays),) if with_loose else (),
             (_keeper(texts, sensor_arrays),) if texts else (),
-            tuple(slot for slot in wordy if slot.sensor.takes_time),
+            tuple(slot for slot in with_loose if slot.sensor.takes_time),
             any(slot.sensor.needs_rates for slot in slots),
         )
 

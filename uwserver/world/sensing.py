@@ -65,7 +65,7 @@ class Sensing(Part):
         self._parts_listen_to: Collection[str] = ()
         self._kernels_listen_to: Collection[str] = ()
         self._streams: dict[int, SensorStream] = {}
-        self._wordy: list[SensorStream] = []
+        self._with_loose: list[SensorStream] = []
         self._origins: dict[int, Origin] = {}
         self._is_read = self._mask_of(())
         self._batch: SampleBatch | None = None
@@ -97,15 +97,15 @@ class Sensing(Part):
             streams |= zip(slot.stream_numbers, slot.streams, strict=True)
         self._placed, self._streams = there, streams
         self.numbers = {stream.port.path: k for k, stream in streams.items()}
-        self._wordy = [stream for stream in streams.values() if stream.columns.loose]
+        self._with_loose = [stream for stream in streams.values() if stream.columns.loose]
         writing = [(slot, slot.sensor.writing) for slot in there]
         texts = {k: w.texts for slot, w in writing if w is not None for k in slot.stream_numbers}
         self._origins = {
             k: Origin(s.port.path, s.columns.width, s.columns.values, texts.get(k, ())) for k, s in streams.items()
         }
-        wordy = {k: SMALL if s.columns.is_small else LARGE for k, s in streams.items() if s.columns.loose}
-        self._sensor_arrays.streams.rows["wordy"] = 0
-        self._sensor_arrays.streams.rows["wordy"][[*wordy]] = [*wordy.values()]
+        loose_streams = {k: SMALL if s.columns.is_small else LARGE for k, s in streams.items() if s.columns.loose}
+        self._sensor_arrays.streams.rows["loose"] = 0
+        self._sensor_arrays.streams.rows["loose"][[*loose_streams]] = [*loose_streams.values()]
         self.pending_jobs.sensors_changed(slots.values())
         self._sensor_arrays.gather({id(s.wiring): s.wiring for s in slots.values() if s.wiring is not None}.values())
 
@@ -207,17 +207,17 @@ class Sensing(Part):
             stream.fresh = stream.loose = stream.newest = self._origins[k].texts[texts - 1]
         written[streams] = 0
 
-    def _tell(self, first: int, ends: Sequence[int], with_words: bool, samples: list[Sample]) -> None:
+    def _tell(self, first: int, ends: Sequence[int], with_loose: bool, samples: list[Sample]) -> None:
         """Hand on the samples that were delivered in some ticks.
 
         Args:
             first: place in the log at which they begin.
             ends: for each tick with samples that are read, the place in the log behind them.
-            with_words: whether the last tick has samples with values that are no numbers.
+            with_loose: whether the last tick has samples with values that are no numbers.
             samples: takes the samples that `take_batch` does not return.
         """
         log, is_large = self._sensor_arrays.log, False
-        for k, seq, place in self._sensor_arrays.wordy if with_words else ():
+        for k, seq, place in self._sensor_arrays.loose if with_loose else ():
             stream = self._streams[k]
             # A state from outside may have two samples of one number in flight.
             stream.newest = stream.coming.pop(seq, stream.newest or stream.loose)
@@ -273,7 +273,7 @@ class Sensing(Part):
         streams = [self._streams[k] for k in ports]
         loose: list[Any] = []
         pictures: list[Any] = []
-        if self._wordy:
+        if self._with_loose:
             for k, seq in zip(pending["stream"].tolist(), pending["seq"].tolist(), strict=True):
                 stream = self._streams[k]
                 if stream.columns.loose:
@@ -292,10 +292,10 @@ class Sensing(Part):
         width = sum([streams[place].columns.width for place in entries["port"].tolist()])
         if len(state.numbers) != 8 * width:
             raise ValueError(f"the samples in flight have other fields: {len(state.numbers)} bytes, not {8 * width}")
-        wordy, slow = self._loose_samples(state, entries)
-        if len(state.loose) != len(wordy) or len(state.pictures) != len(slow):
+        loose_streams, slow = self._loose_samples(state, entries)
+        if len(state.loose) != len(loose_streams) or len(state.pictures) != len(slow):
             raise ValueError("the samples in flight have other fields")
-        for (stream, _), values in zip(wordy + slow, state.loose + state.pictures, strict=True):
+        for (stream, _), values in zip(loose_streams + slow, state.loose + state.pictures, strict=True):
             check_values([stream.port.fields[k] for k in stream.columns.loose], values)
 
     def _loose_samples(self, state: InFlightSamples, entries: Any) -> tuple[list[tuple[SensorStream, int]], ...]:
@@ -309,7 +309,7 @@ class Sensing(Part):
 
     def load(self, state: InFlightSamples) -> None:
         """Put the samples of a checked state in flight."""
-        for stream in self._wordy:
+        for stream in self._with_loose:
             stream.coming.clear()
         given = np.frombuffer(state.entries, IN_FLIGHT)
         entries = np.zeros(len(given), ENTRY)

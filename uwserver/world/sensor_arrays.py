@@ -60,7 +60,7 @@ class SensorArrays:
         nu_dot, tau: (n, 6) of the bodies, made in ticks in which a sensor needs them: see `Hydrodynamics.rates_of_change`.
         next_ns: time at which the next sample in flight arrives.
         roused: sensors that have something to report, whatever their rate (`Sensor.rouse`).
-        wordy_count: how many samples of the last tick have values that are no numbers.
+        loose_count: how many samples of the last tick have values that are no numbers.
         log, logged: samples that were read lately, and how many places of the log are taken.
         computing: computes readings that take time.
         is_read: whether anything reads samples.
@@ -86,8 +86,8 @@ class SensorArrays:
         self._free, self._counts = np.arange(_SLOTS), np.zeros(1, COUNTS)
         self._counts_as_int64 = self._counts.view(np.int64)  # An array of int64 is quicker to read than a record.
         self._values, self._delivered_values = np.zeros((_SLOTS, 1)), np.zeros((_SLOTS, 1))
-        self._wordy, self._decimations = np.zeros(_SLOTS, np.int64), np.zeros(0, DECIMATION)
-        self.next_ns, self.wordy_count, self._in_flight = NEVER, 0, 0
+        self._loose, self._decimations = np.zeros(_SLOTS, np.int64), np.zeros(0, DECIMATION)
+        self.next_ns, self.loose_count, self._in_flight = NEVER, 0, 0
         self.log, self.logged = Log(np.zeros(0, ENTRY), np.zeros(0)), 0
         self._log_room = 0
         self.gather(())
@@ -159,7 +159,7 @@ class SensorArrays:
             "free": self._free,
             "delivered": self._delivered,
             "decimations": self._decimations,
-            "wordy": self._wordy,
+            "loose": self._loose,
             "log": self.log.entries,
             "log_numbers": self.log.numbers,
             "counts": self._counts,
@@ -179,7 +179,7 @@ class SensorArrays:
         self._pending, self._delivered = _grown(self._pending, more), _grown(self._delivered, more)
         self._values, self._delivered_values = _grown(self._values, more, wide), _grown(self._delivered_values, more, wide)
         self._free = np.concatenate([self._free, np.arange(room, more)])
-        self._wordy = _grown(self._wordy, more)  # In a tick, sensors measure in several rounds.
+        self._loose = _grown(self._loose, more)  # In a tick, sensors measure in several rounds.
         self._tabulate()
 
     def in_flight(self) -> tuple[int, Any, FloatArray]:
@@ -297,7 +297,7 @@ class SensorArrays:
 
     def take_over(self) -> None:
         """Read the counts after compiled code has delivered samples."""
-        self._in_flight, _, _, self.next_ns, _, self.wordy_count, self.logged, _ = self._counts_as_int64.tolist()
+        self._in_flight, _, _, self.next_ns, _, self.loose_count, self.logged, _ = self._counts_as_int64.tolist()
 
     def _begin_log(self, needed: int) -> None:
         """Begin another log, with room for at least `needed` samples. Readers of samples in the old log keep it alive."""
@@ -308,10 +308,10 @@ class SensorArrays:
         self._tabulate()
 
     @property
-    def wordy(self) -> list[tuple[int, int, int]]:
+    def loose(self) -> list[tuple[int, int, int]]:
         """Stream, number and place in the log of each sample of this tick with values that are no numbers; the place is -1 if nothing reads
         the sample."""
-        entries = self._delivered_table[self._wordy[: self.wordy_count]].tolist()
+        entries = self._delivered_table[self._loose[: self.loose_count]].tolist()
         return [(stream, seq, slot) for _, _, stream, seq, _, _, slot in entries]
 
 

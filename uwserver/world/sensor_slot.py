@@ -40,7 +40,7 @@ class SensorSlot(Part):
         latency_ns: of the device.
         wiring: the inside of its vehicle.
         twin: the same device without errors, for ideal streams of a sensor that is written in Python.
-        is_wordy: whether some of its values are no numbers.
+        has_loose: whether some of its values are no numbers.
     """
 
     state_type = SensorState
@@ -63,7 +63,7 @@ class SensorSlot(Part):
         self._rows: SensorRows | None = None
         self._saved: SensorState | None = None
         # Whether settings and memory have fields never changes.
-        self._has_settings, self.is_wordy = bool(sensor.settings.__struct_fields__), bool(streams[0].columns.loose)
+        self._has_settings, self.has_loose = bool(sensor.settings.__struct_fields__), bool(streams[0].columns.loose)
         self._settings = sensor.settings, record(sensor.settings) if self._has_settings else b""
         self._has_memory = not isinstance(sensor, CompiledSensor) and bool(sensor.memory.__struct_fields__)
         self._python_modifiers = [m for stream in streams if stream.is_ready_made for m in stream.modifiers]
@@ -196,7 +196,7 @@ class SensorSlot(Part):
         if any(stream.is_ready_made for stream in self.streams):
             return False
         if isinstance(self.sensor, CompiledSensor):
-            return not self.is_wordy
+            return not self.has_loose
         if self.needs_exact:
             return False
         at_once = not self.latency_ns and not any(stream.operations for stream in self.streams)
@@ -342,7 +342,7 @@ class SensorSlot(Part):
         number, memory, held, numbers = self._here.save()
         if self._has_memory:
             memory = record(sensor.memory)
-        loose: tuple[Any, ...] = tuple([stream.loose for stream in self.streams]) if self.is_wordy else ()
+        loose: tuple[Any, ...] = tuple([stream.loose for stream in self.streams]) if self.has_loose else ()
         loose, pictures = ((), loose) if sensor.takes_time else (loose, ())
         modifiers = tuple([record(m.memory) for m in self._python_modifiers]) if self._python_modifiers else ()
         return SensorState(
@@ -362,12 +362,12 @@ class SensorSlot(Part):
         loose, others = state.loose, state.pictures
         if sensor.takes_time:
             loose, others = others, loose
-        if others or len(loose) != (len(self.streams) if self.is_wordy else 0):
+        if others or len(loose) != (len(self.streams) if self.has_loose else 0):
             raise ValueError("readings of other streams than this sensor has")
-        wordy = [self.fields[k] for k in self.streams[0].columns.loose]
+        loose_fields = [self.fields[k] for k in self.streams[0].columns.loose]
         for held, values in zip(np.frombuffer(state.held, HELD), loose, strict=False):
             if held["there"] or values:
-                check_values(wordy, values)
+                check_values(loose_fields, values)
         if len(state.modifiers) != len(self._python_modifiers):
             raise ValueError("other modifiers than this sensor has")
         for modifier, data in zip(self._python_modifiers, state.modifiers, strict=True):

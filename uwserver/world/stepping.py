@@ -149,9 +149,9 @@ class Stepping:
         sensor_arrays.take_over()
         if reached[_WRITTEN]:
             self._sensing.take_texts()
-        with_words = why == rows.END and bool(reached[_BEGUN] and sensor_arrays.wordy_count)
-        if reached[_ENDS] or with_words:
-            self._sensing.tell(self._first, self.given.ends[: reached[_ENDS]].tolist(), with_words, samples)
+        with_loose = why == rows.END and bool(reached[_BEGUN] and sensor_arrays.loose_count)
+        if reached[_ENDS] or with_loose:
+            self._sensing.tell(self._first, self.given.ends[: reached[_ENDS]].tolist(), with_loose, samples)
         if why == rows.END:
             self._sensing.pending_jobs.purge()
             for act in self.schedule.last:

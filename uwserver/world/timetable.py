@@ -71,7 +71,7 @@ def is_written(slot: SensorSlot) -> bool:
 
 def is_repeated(slot: SensorSlot) -> bool:
     """Return whether compiled code makes the readings of a sensor from readings of others."""
-    return bool(slot.sensor.repeated) and not slot.is_wordy
+    return bool(slot.sensor.repeated) and not slot.has_loose
 
 
 def needs_of(slots: Iterable[SensorSlot]) -> int:
@@ -85,9 +85,9 @@ def needs_of(slots: Iterable[SensorSlot]) -> int:
         has_kernel, repeats = isinstance(slot.sensor, CompiledSensor), is_repeated(slot)
         needs |= NEEDS_EXACT * (has_kernel and slot.needs_exact)
         needs |= NEEDS_REPEATING * repeats
-        in_python = not (has_kernel or repeats) or slot.is_wordy or any(stream.is_ready_made for stream in slot.streams)
+        in_python = not (has_kernel or repeats) or slot.has_loose or any(stream.is_ready_made for stream in slot.streams)
         needs |= NEEDS_PYTHON * in_python
-        needs |= NEEDS_KEEPING * slot.is_wordy
+        needs |= NEEDS_KEEPING * slot.has_loose
     return needs
 
 
