@@ -21,7 +21,7 @@ class Origin(NamedTuple):
         path: of the port.
         width: number of numbers in a sample.
         unpack: makes the values of a sample.
-        texts: possible sets of values that are not numbers; `Log.entries` says which of them a sample has, if any.
+        texts: possible sets of values that are not numbers; `SampleLog.entries` says which of them a sample has, if any.
     """
 
     path: str
@@ -30,7 +30,7 @@ class Origin(NamedTuple):
     texts: Sequence[tuple[Value, ...]] = ()
 
 
-class Log:
+class SampleLog:
     """A log of samples, one after the other. The simulation appends to it. Readers read only the part that they were told of, which is never
     written again; so no lock is needed.
 
@@ -66,7 +66,7 @@ class SampleBatch(Sequence[Sample]):
     __slots__ = ("_end", "_ends", "_first", "log", "origins", "ticks")
 
     def __init__(
-        self, origins: Mapping[int, Origin], log: Log, first: int, end: int, ticks: int = 1, ends: tuple[int, ...] = ()
+        self, origins: Mapping[int, Origin], log: SampleLog, first: int, end: int, ticks: int = 1, ends: tuple[int, ...] = ()
     ) -> None:
         """Take the samples of a log from place `first` to before `end`; `ends` has the end of each tick but the last, for `by_tick`."""
         self.origins, self.log, self._first, self._end, self.ticks, self._ends = origins, log, first, end, ticks, ends
@@ -108,7 +108,7 @@ class SampleBatch(Sequence[Sample]):
         return self.log.table[self._first : self._end, 2].tolist()  # type: ignore[no-any-return]  # numpy's
 
     def entries(self) -> list[list[int]]:
-        """Return the entry of each sample, as `Log.entries` has it."""
+        """Return the entry of each sample, as `SampleLog.entries` has it."""
         return self.log.table[self._first : self._end].tolist()  # type: ignore[no-any-return]  # numpy's
 
     def loose(self, place: int, texts: int, stream: int) -> Sequence[Value]:

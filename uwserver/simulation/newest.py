@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from operator import attrgetter
 
 from uwserver.ports import Sample
-from uwserver.ports.sample_batch import Log, SampleBatch
+from uwserver.ports.sample_batch import SampleBatch, SampleLog
 
 _port = attrgetter("port")
 
@@ -16,7 +16,7 @@ class Newest(Mapping[str, Sample]):
 
     def __init__(self) -> None:
         self._places: dict[str, Sample | SampleBatch] = {}
-        self._log: Log | None = None
+        self._log: SampleLog | None = None
 
     def put(self, samples: Sequence[Sample]) -> None:
         """Take samples that were delivered, in this order."""
@@ -27,7 +27,7 @@ class Newest(Mapping[str, Sample]):
         else:
             self._places.update(zip(map(_port, samples), samples, strict=True))
 
-    def _leave(self, log: Log) -> None:
+    def _leave(self, log: SampleLog) -> None:
         """Begin to use another log. Samples that are still the newest from the log before the last one are copied, so that they do not keep
         that log alive."""
         for path, place in self._places.items():

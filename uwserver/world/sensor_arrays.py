@@ -17,7 +17,7 @@ from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.rays.raycast import Geometry
 from uwserver.ports.decimation import Decimation
-from uwserver.ports.sample_batch import Log
+from uwserver.ports.sample_batch import SampleLog
 from uwserver.sensors import Scope
 from uwserver.sensors.compiled import HEAD, SensorKernel, load
 from uwserver.sensors.others import Sight
@@ -88,7 +88,7 @@ class SensorArrays:
         self._values, self._delivered_values = np.zeros((_SLOTS, 1)), np.zeros((_SLOTS, 1))
         self._loose, self._decimations = np.zeros(_SLOTS, np.int64), np.zeros(0, DECIMATION)
         self.next_ns, self.loose_count, self._in_flight = NEVER, 0, 0
-        self.log, self.logged = Log(np.zeros(0, ENTRY), np.zeros(0)), 0
+        self.log, self.logged = SampleLog(np.zeros(0, ENTRY), np.zeros(0)), 0
         self._log_room = 0
         self.gather(())
 
@@ -302,7 +302,7 @@ class SensorArrays:
     def _begin_log(self, needed: int) -> None:
         """Begin another log, with room for at least `needed` samples. Readers of samples in the old log keep it alive."""
         room, numbers = max(2 * needed, _LOGGED), max(2 * needed * self._values.shape[1], _LOGGED_NUMBERS)
-        self.log = Log(np.zeros(room, ENTRY), np.zeros(numbers))
+        self.log = SampleLog(np.zeros(room, ENTRY), np.zeros(numbers))
         self.logged, self._log_room = 0, room
         self._counts["logged"] = self._counts["log_width"] = 0
         self._tabulate()

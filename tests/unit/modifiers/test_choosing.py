@@ -7,13 +7,13 @@ import pytest
 
 from uwserver.modifiers.choosing import NOBODY, NOT_BEGUN, UNKNOWN, NotMet, choose
 from uwserver.ports.decimation import Decimation
-from uwserver.ports.sample_batch import Log, SampleBatch
+from uwserver.ports.sample_batch import SampleBatch, SampleLog
 from uwserver.step.streams import ENTRY
 
 
 def batch(samples: list[tuple[int, int]]) -> SampleBatch:
     """Samples of these streams, true at these times; the log begins with one of somebody else."""
-    log = Log(np.zeros(1 + len(samples), ENTRY), np.zeros(1))
+    log = SampleLog(np.zeros(1 + len(samples), ENTRY), np.zeros(1))
     for place, (stream, t_ns) in enumerate(samples, 1):
         log.entries[place] = (t_ns, 0, stream, place, t_ns, 1, 0)
     return SampleBatch({}, log, 1, len(samples) + 1)

@@ -12,7 +12,7 @@ import pytest
 from uwserver.modifiers.columns import columns_of
 from uwserver.ports import Field, Sample
 from uwserver.ports.crossing import TickOutput
-from uwserver.ports.sample_batch import Log, Origin, SampleBatch, Samples
+from uwserver.ports.sample_batch import Origin, SampleBatch, SampleLog, Samples
 from uwserver.step.streams import ENTRY
 
 FORCE = columns_of((Field("f", "m/s^2", "Force.", shape=(3,)), Field("n", "1", "Number.", type="int")))
@@ -24,14 +24,14 @@ SAMPLES = [
 ]
 
 
-def batch(log: Log | None = None) -> SampleBatch:
+def batch(log: SampleLog | None = None) -> SampleBatch:
     origins = {4: Origin("rov/imu", FORCE.width, FORCE.values), 9: Origin("rov/state", STATE.width, STATE.values)}
     return SampleBatch(origins, log or full(), 2, 5)
 
 
-def full() -> Log:
+def full() -> SampleLog:
     """Two samples of before, and SAMPLES; there is room for more."""
-    log = Log(np.zeros(8, ENTRY), np.full(40, 77.0))
+    log = SampleLog(np.zeros(8, ENTRY), np.full(40, 77.0))
     log.entries[2:5] = [(110, 0, 4, 7, 100, 1, 8), (110, 0, 9, 2, 105, 0, 12), (110, 0, 4, 8, 104, 1, 13)]
     FORCE.pack(((1.0, math.nan, 3.0), 5), log.numbers[8:12])
     STATE.pack(("manual", True), log.numbers[12:13])
@@ -40,7 +40,7 @@ def full() -> Log:
     return log
 
 
-def ticks_of(log: Log) -> tuple[SampleBatch, ...]:
+def ticks_of(log: SampleLog) -> tuple[SampleBatch, ...]:
     """One sample each."""
     origins = batch(log).origins
     return tuple(SampleBatch(origins, log, at, at + 1) for at in (2, 3, 4))

@@ -15,7 +15,7 @@ from uwserver_adapters.native.messages import Notice
 
 from uwserver.modifiers.columns import columns_of
 from uwserver.ports import Event, Field, Port
-from uwserver.ports.sample_batch import Log, Origin, SampleBatch
+from uwserver.ports.sample_batch import Origin, SampleBatch, SampleLog
 from uwserver.step.streams import ENTRY
 from uwserver.testing.fake_context import DEPTH, IMU, THRUSTERS
 
@@ -39,7 +39,7 @@ def batch(ticks: int = 20, mode: str = "manual") -> SampleBatch:
     """Each port in each tick, with a missing number now and then; they fill a log from its second place on."""
     columns = [columns_of(port.fields) for port in PORTS]
     origins = {k: Origin(port.path, c.width, c.values) for k, (port, c) in enumerate(zip(PORTS, columns, strict=True))}
-    log = Log(np.zeros(3 * ticks + 1, ENTRY), np.zeros(1 + ticks * sum(c.width for c in columns)))
+    log = SampleLog(np.zeros(3 * ticks + 1, ENTRY), np.zeros(1 + ticks * sum(c.width for c in columns)))
     rng, at, place = np.random.default_rng(1), 1, 1
     for n in range(ticks):
         for k, c in enumerate(columns):
