@@ -64,7 +64,9 @@ class Conversation:
         is_closed: whether the peer has left; then nothing is answered any more.
     """
 
-    def __init__(self, context: AdapterContext, source: str, in_flight: InFlightLimit | None = None, queue: str = "") -> None:
+    def __init__(
+        self, context: AdapterContext, source: str, in_flight: InFlightLimit | None = None, queue: str = ""
+    ) -> None:
         self.source = source
         self.client = ""
         self.in_flight = in_flight or InFlightLimit()

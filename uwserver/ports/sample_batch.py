@@ -66,7 +66,13 @@ class SampleBatch(Sequence[Sample]):
     __slots__ = ("_end", "_ends", "_first", "log", "origins", "ticks")
 
     def __init__(
-        self, origins: Mapping[int, Origin], log: SampleLog, first: int, end: int, ticks: int = 1, ends: tuple[int, ...] = ()
+        self,
+        origins: Mapping[int, Origin],
+        log: SampleLog,
+        first: int,
+        end: int,
+        ticks: int = 1,
+        ends: tuple[int, ...] = (),
     ) -> None:
         """Take the samples of a log from place `first` to before `end`; `ends` has the end of each tick but the last, for `by_tick`."""
         self.origins, self.log, self._first, self._end, self.ticks, self._ends = origins, log, first, end, ticks, ends

@@ -137,7 +137,9 @@ class Bus:
         if paths is not None:
             decimations = merged_decimations(self._readers, paths)
         subscriptions = self.subscriptions
-        is_known = subscriptions is None or (subscriptions.known is self._known and (subscriptions.jumps == self._jumps or not decimations))
+        is_known = subscriptions is None or (
+            subscriptions.known is self._known and (subscriptions.jumps == self._jumps or not decimations)
+        )
         if paths == before and decimations == less and is_known:
             return  # A new object would make the world mark all its streams again.
         self._paths, self._decimations = paths, decimations
@@ -146,7 +148,9 @@ class Bus:
             paths != before or decimations.keys() != less.keys()
         ):  # A sample of a port that was not read for a while is not the newest one.
             self.last.keep(
-                lambda path: _is_in(path, paths) and _is_in(path, before) and path not in less and path not in decimations
+                lambda path: (
+                    _is_in(path, paths) and _is_in(path, before) and path not in less and path not in decimations
+                )
             )
 
     # -- the crossing ---------------------------------------------------------------------------------------------------------------

@@ -46,8 +46,12 @@ class Readers:
             self._subscriptions = subscriptions
             world = self._world
             # The decimations are for ports and times that have changed since, so they do not apply.
-            is_past = subscriptions is None or subscriptions.known is not world.ports or subscriptions.jumps != world.jumps
-            world.subscribe(subscriptions, EVERY_SAMPLE if subscriptions is None or is_past else subscriptions.decimations)
+            is_past = (
+                subscriptions is None or subscriptions.known is not world.ports or subscriptions.jumps != world.jumps
+            )
+            world.subscribe(
+                subscriptions, EVERY_SAMPLE if subscriptions is None or is_past else subscriptions.decimations
+            )
 
     def read(self, ports: Sequence[str], on_samples: OnSamples, source: str = "") -> None:
         """Ask for the newest delivered samples of some ports, subscribed to or not. Loop thread.

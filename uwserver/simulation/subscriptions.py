@@ -24,7 +24,9 @@ class Subscriptions:
         decimations: ports of which not all samples are needed; valid while ports and times are those that the readers know of.
     """
 
-    def __init__(self, paths: Collection[str], known: Container[str], jumps: int = 0, decimations: Decimations = EVERY_SAMPLE) -> None:
+    def __init__(
+        self, paths: Collection[str], known: Container[str], jumps: int = 0, decimations: Decimations = EVERY_SAMPLE
+    ) -> None:
         """Take the paths that readers subscribe to."""
         self._paths, self.known, self.jumps, self.decimations = paths, known, jumps, decimations
 

@@ -124,7 +124,14 @@ def _tell(
         numbers[stream.newest_first + i] = values[first + i]
     if stream.use != 0:
         delivered = _delivered(table)[counts.delivered]
-        delivered.t_sent_ns, delivered.stream, delivered.seq, delivered.t_ns, delivered.valid, delivered.slot = sent, k, seq, t_ns, valid, -1
+        delivered.t_sent_ns, delivered.stream, delivered.seq, delivered.t_ns, delivered.valid, delivered.slot = (
+            sent,
+            k,
+            seq,
+            t_ns,
+            valid,
+            -1,
+        )
         for i in range(stream.width):
             delivered_values[counts.delivered, i] = values[first + i]
         is_whole = stream.decimation_count == 0 or stream.unordered != 0

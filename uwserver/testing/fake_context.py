@@ -234,7 +234,9 @@ class FakeContext:
     def subscriptions_changed(self) -> None:
         """Read what subscribers and drivers subscribe to."""
         readers = [*self.subscribers, *self.drivers]
-        subscriptions = [self.ports.keys() if (some := getattr(r, "subscriptions", None)) is None else some for r in readers]
+        subscriptions = [
+            self.ports.keys() if (some := getattr(r, "subscriptions", None)) is None else some for r in readers
+        ]
         self.subscriptions = frozenset().union(*subscriptions)
 
     def command(

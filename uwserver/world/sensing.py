@@ -148,7 +148,9 @@ class Sensing(Part):
         rows[[self.numbers[path] for path in self._kernels_listen_to]] = LISTENED
         rows[list(read)] = READ
         known = [
-            (self.numbers.get(path), some) for path, some in self._decimations.items() if path not in self._parts_listen_to
+            (self.numbers.get(path), some)
+            for path, some in self._decimations.items()
+            if path not in self._parts_listen_to
         ]
         self._sensor_arrays.decimate({k: some for k, some in known if k in read and streams[k].columns.is_small})
 

@@ -141,7 +141,11 @@ class SensorArrays:
             pool.move(place)
         self._counts, self._pending, self._free = place(self._counts), place(self._pending), place(self._free)
         self._counts_as_int64 = self._counts.view(np.int64)
-        self._values, self._delivered, self._delivered_values = place(self._values), place(self._delivered), place(self._delivered_values)
+        self._values, self._delivered, self._delivered_values = (
+            place(self._values),
+            place(self._delivered),
+            place(self._delivered_values),
+        )
         self.nu_dot, self.tau, self._place = place(self.nu_dot), place(self.tau), place(self._place)
         own = {"nu_dot": self.nu_dot, "tau": self.tau, "place": self._place, "voices": self.voices.rows}
         self._visible |= own | {name: getattr(self._hydro, name) for name in ("state", "bodies", "thrusters")}
@@ -177,7 +181,10 @@ class SensorArrays:
             self._log_room = 0  # The present log has room for narrower samples only.
         more, wide = (room if needed <= room else needed + needed // 4), max(wide, width)
         self._pending, self._delivered = _grown(self._pending, more), _grown(self._delivered, more)
-        self._values, self._delivered_values = _grown(self._values, more, wide), _grown(self._delivered_values, more, wide)
+        self._values, self._delivered_values = (
+            _grown(self._values, more, wide),
+            _grown(self._delivered_values, more, wide),
+        )
         self._free = np.concatenate([self._free, np.arange(room, more)])
         self._loose = _grown(self._loose, more)  # In a tick, sensors measure in several rounds.
         self._tabulate()

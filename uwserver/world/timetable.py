@@ -85,7 +85,9 @@ def needs_of(slots: Iterable[SensorSlot]) -> int:
         has_kernel, repeats = isinstance(slot.sensor, CompiledSensor), is_repeated(slot)
         needs |= NEEDS_EXACT * (has_kernel and slot.needs_exact)
         needs |= NEEDS_REPEATING * repeats
-        in_python = not (has_kernel or repeats) or slot.has_loose or any(stream.is_ready_made for stream in slot.streams)
+        in_python = (
+            not (has_kernel or repeats) or slot.has_loose or any(stream.is_ready_made for stream in slot.streams)
+        )
         needs |= NEEDS_PYTHON * in_python
         needs |= NEEDS_KEEPING * slot.has_loose
     return needs

@@ -128,7 +128,9 @@ class VideoAdapter(AdapterBase[VideoConfig]):
         self._follow_subscriptions()
 
     def _follow_subscriptions(self) -> None:
-        self._subscriptions = frozenset(path for path, streams in self._by_port.items() if any(s.is_wanted for s in streams))
+        self._subscriptions = frozenset(
+            path for path, streams in self._by_port.items() if any(s.is_wanted for s in streams)
+        )
         self.context.subscriptions_changed()
 
     async def _end(self) -> None:

@@ -347,7 +347,12 @@ def test_who_leaves_while_too_much_waits_leaves_nothing_behind(piloted: Loop) ->
     assert rig.reply(other).tick == tick
     rig.second()  # the run of the one who left has ended: it keeps nobody from stepping
     assert bound_for(context) == pytest.approx(0.0, abs=5.0), "the goto has ended, and the vehicle holds where it is"
-    assert (gone.in_flight.count, gone.is_running("goto"), gone.is_running("run"), stays.in_flight.count) == (0, False, False, 0)
+    assert (gone.in_flight.count, gone.is_running("goto"), gone.is_running("run"), stays.in_flight.count) == (
+        0,
+        False,
+        False,
+        0,
+    )
     assert leaver.answers.empty()
     assert leaver.samples == []
 

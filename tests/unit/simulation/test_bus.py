@@ -460,7 +460,9 @@ class Rows(Notes):
 def rows_of_ticks(count: int, **parts) -> list[TickOutput]:
     """One sample each, which follow each other."""
     log, origins, ports = full(), batch().origins, {}
-    return [TickOutput(k, k, [], batch=SampleBatch(origins, log, 2 + k, 3 + k), ports=ports, **parts) for k in range(count)]
+    return [
+        TickOutput(k, k, [], batch=SampleBatch(origins, log, 2 + k, 3 + k), ports=ports, **parts) for k in range(count)
+    ]
 
 
 def test_who_is_alone_gets_the_rows_of_some_ticks_at_once():

@@ -33,7 +33,9 @@ class Reader:
         self.seen: list[str] = []
 
     def put_samples(self, samples: list[Sample]) -> None:
-        self.samples += [sample for sample in samples if self.subscriptions is None or sample.port in self.subscriptions]
+        self.samples += [
+            sample for sample in samples if self.subscriptions is None or sample.port in self.subscriptions
+        ]
         self.seen += [sample.port for sample in samples]
 
     def put_event(self, event) -> None:
