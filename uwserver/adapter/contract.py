@@ -103,9 +103,9 @@ class Subscriber(Protocol):
     A subscriber may have some of these optional attributes and methods:
 
     - `subscriptions`, an attribute or property: the paths of the ports whose samples it reads, or None for all ports, which is the default. Samples
-      are made only for ports to which some subscriber subscribes; a subscriber also gets those of others. The attribute is read when the
-      subscriber is attached, after it has received the event of changed ports, and at `AdapterContext.subscriptions_changed`. Until then, samples of new
-      ports are made in any case.
+      are made only for ports to which some subscriber subscribes; a subscriber also gets those of others. The attribute is read when the subscriber
+      is attached, after it has received the event of changed ports, and at `AdapterContext.subscriptions_changed`. Until then, samples of new ports
+      are made in any case.
     - `decimations`: for each path the `uwserver.ports.decimation.Decimation` objects that are enough for that port. The subscriber needs only samples
       that one of them takes, and gets all of these, perhaps with others. The attribute is read together with `subscriptions`, and holds until the
       event of a reset or of changed ports.

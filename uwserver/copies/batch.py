@@ -23,7 +23,7 @@ from uwserver.ports.checks import find
 from uwserver.step import rows
 from uwserver.step.streams import NEVER
 from uwserver.world.piloting import Piloting
-from uwserver.world.stepping import take_turns
+from uwserver.world.stepping import run_parts
 from uwserver.world.world import World
 
 T = TypeVar("T")
@@ -174,7 +174,7 @@ class Batch:
         """Do everything that acts before a tick, in the order of `World.advance`."""
         commands = self._commands
         for i in _due(self._next_faults <= ticks, which):
-            self._act(i, lambda world: take_turns(world.stepping.turns.first, world.tick, world.t_ns))
+            self._act(i, lambda world: run_parts(world.stepping.schedule.first, world.tick, world.t_ns))
         for i, path, value in commands.apply(ticks, going):
             self._act(i, lambda world, path=path, value=value: world.command(path, **value))  # type: ignore[misc]
         for i, path in commands.watch(ticks, which):
@@ -182,7 +182,7 @@ class Batch:
             tick = int(ticks[i])
             self._events.append((i, Event("watchdog", tick, self._time_of(tick), text)))
         for i in _due(self._next_watch <= ticks, which):
-            self._act(i, lambda world: take_turns(world.stepping.turns.watch, world.tick, world.t_ns))
+            self._act(i, lambda world: run_parts(world.stepping.schedule.watch, world.tick, world.t_ns))
         for i in _due(ticks > self._last, which):
             self._act(i, _do_nothing)  # Python gives the times of these ticks (`StepTable.begin_at`).
 

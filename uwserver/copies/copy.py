@@ -148,7 +148,7 @@ class Copy:
         stepping, tick = self.world.stepping, self.world.tick
         stepping.begin(tick, [])
         stepping.ask(tick, tick)
-        return next_tick(stepping.turns.first), next_tick(stepping.turns.watch)
+        return next_tick(stepping.schedule.first), next_tick(stepping.schedule.watch)
 
     @property
     def row(self) -> tuple[int, ...]:

@@ -85,7 +85,7 @@ class InProcess(ABC):
         while n > 0:
             output = self.advance(most=n)
             n -= output.ticks
-            samples.add(output.told or ())
+            samples.add(output.batch or ())
             samples.add(output.made)
             for on_reply, reply in output.replies:
                 on_reply(reply)
