@@ -12,7 +12,22 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-IS_PLAIN = os.environ.get("UWSERVER_KERNELS") == "plain"
+
+def is_plain(choice: str | None) -> bool:
+    """Return whether UWSERVER_KERNELS, which has this value or None, chooses the plain kernels. An empty value counts as unset.
+
+    Raises:
+        SystemExit: the value is unknown. Every process reads the variable at its first import of a kernel, where no caller could go on.
+    """
+    if choice not in (None, "", "plain"):
+        raise SystemExit(
+            f'the environment variable UWSERVER_KERNELS is "{choice}": set it to "plain" for kernels by the public means of numba alone, '
+            "or unset it for the usual kernels; there are no other values"
+        )
+    return choice == "plain"
+
+
+IS_PLAIN = is_plain(os.environ.get("UWSERVER_KERNELS"))
 
 
 def made_of(package: Path) -> str:
