@@ -15,7 +15,7 @@ export interface Actuator {
 }
 export interface Beam { direction: Vec3; width?: number; near?: number; far?: number }
 export interface Fan { horizontal: number; vertical: number; step: number; sector: [number, number]; bins: number; near: number; far: number }
-export interface Sensor { path: string; kind: string; p: Vec3; q: Quat; beams?: Beam[]; fan?: Fan | null; address?: number }
+export interface Sensor { path: string; kind: string; p: Vec3; q: Quat; beams?: Beam[]; fan?: Fan | null; address?: number; message?: string }
 export interface Looks { sha256: string; size: number; p?: Vec3; q?: Quat; up?: "y" | "z"; scale?: number }
 export interface Lamp { name: string; p: Vec3; q: Quat; cone: number; lumens: number }
 export interface Body {
@@ -42,7 +42,7 @@ export interface Field {
   name: string; type: string; shape: number[]; unit: string; frame?: string; doc: string; minimum?: number | null; maximum?: number | null;
 }
 export interface Port {
-  path: string; direction: "sensor" | "actuator"; kind: string; doc: string; fields: Field[]; rate_hz: number | null; timeout_s: number | null;
+  path: string; direction: "sensor" | "actuator"; kind: string; doc: string; fields: Field[]; rate_hz: number | null; timeout_s: number | null; message?: string;
   propulsors?: { name: string; r_B: Vec3; axis_B: Vec3 }[];
 }
 export interface Argument {

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterable, Iterator
 from functools import cache
 from typing import NamedTuple
 
 import pytest
-from sources import Module, module_of, modules
+from sources import ROOT, Module, module_of, modules
 
 ROOMS = ("sensors", "actuators")
 """Rooms with a file for each kind, and a union where the room begins."""
@@ -128,6 +129,28 @@ def _texts(node: ast.expr | None, tags: set[str]) -> set[str]:
     return set().union(*(_texts(each, tags) for each in inner))
 
 
+_SCRIPTS = ROOT / "clients/web"
+_NAMED = re.compile(
+    r"""\bkind\b\)*\s*[!=]==?\s*["'](\w+)["']|["'](\w+)["']\s*[!=]==?\s*[\w.?]*\bkind\b|\bcase\s+["'](\w+)["']"""
+)
+"""A kind that a script compares with a text, or the text of a case."""
+_LOOKED_UP = re.compile(
+    r"\.kind\s*[!=]==?\s*\w|\w\s*[!=]==?\s*[\w.?]+\.kind\b|\w\[[^\]\n,]*\.kind\)*\]|\.(?:get|has|includes|indexOf)\([^()\n]*\.kind\b"
+)
+"""A kind that a script compares with a variable, or looks up in a table."""
+
+
+def script_switches(name: str, text: str) -> list[str]:
+    """Return where a script of the page asks of which kind a sensor is. It may ask so of shapes, actuators and panels, by their names alone."""
+    tags = {kind.tag for kind in kinds("sensors")}
+    wrong = []
+    for number, line in enumerate(text.splitlines(), 1):
+        named = {tag for found in _NAMED.findall(line) for tag in found} & tags
+        looked_up = {found.group() for found in _LOOKED_UP.finditer(line)}
+        wrong += [f"{name}:{number}: {what}" for what in sorted(named | looked_up)]
+    return wrong
+
+
 EVERYBODY = ("uwserver", "uwserver_adapters")
 
 
@@ -146,6 +169,31 @@ def test_no_other_room_names_the_class_of_a_kind(package: str):
 def test_no_other_room_asks_of_which_kind_a_sensor_is(package: str):
     """What a middleware makes of a standard message, it may look up by the plain name of the message."""
     assert switches(modules(package)) == []
+
+
+def test_no_script_of_the_page_asks_of_which_kind_a_sensor_is():
+    """It draws and shows a sensor by its message, its beams and its fields, so it treats one of an extension as it treats a shipped one."""
+    scripts = [path for path in _SCRIPTS.rglob("*.js") if "vendor" not in path.parts]
+    assert len(scripts) > 30
+    assert [fault for path in sorted(scripts) for fault in script_switches(path.name, path.read_text())] == []
+
+
+@pytest.mark.parametrize(
+    ("text", "count"),
+    [
+        ('port.message === "Dvl" || shape.kind === "box" || kind === "waypoint"', 0),
+        ("h('div', {}, port.kind.replaceAll('_', ' '))", 0),
+        ("const own = JSON.stringify([sensor.kind, sensor.p]); known.get(kind)", 0),
+        ('sensor.kind === "dvl"', 1),
+        ("'usbl' === port.kind || port.kind !== 'lbl'", 2),
+        ('switch (port.kind) {\ncase "altimeter":', 1),
+        ("ports.find((port) => port.kind === kind)", 1),
+        ("COLOUR[/** @type {keyof typeof COLOUR} */ (sensor.kind)] ?? other", 1),
+        ("KINDS.includes(port.kind)", 1),
+    ],
+)
+def test_a_switch_over_kinds_in_a_script_is_found(text: str, count: int):
+    assert len(script_switches("a.js", text)) == count
 
 
 @pytest.mark.parametrize(

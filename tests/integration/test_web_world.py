@@ -66,6 +66,49 @@ port = 0
 [server]
 metrics_port = 0
 """
+EXTENSION = """
+from uwserver.ports import BeamView, Field
+from uwserver.sensors import IdealSensor, Pose, SensorTable, Traits
+
+
+class FinderConfig(SensorTable, tag="range_finder", kw_only=True, frozen=True):
+    message = "Range"
+
+    def traits(self):
+        return Traits(beams=(BeamView((0.0, 0.0, 1.0), 0.0, 0.1, 10.0),))
+
+    def build(self, mount):
+        return Finder()
+
+
+class Finder(IdealSensor):
+    doc = "Distance of the bottom."
+    fields = (Field("range", "m", "distance of the bottom"),)
+
+    def measure(self, scope):
+        return True, [6.0 - scope.p_NB[2]]
+
+
+SENSORS = (FinderConfig,)
+"""
+EXTENDED = """
+schema = 1
+extensions = ["finder.py"]
+[seabed]
+kind = "flat"
+depth_m = 6
+[vehicles.rov]
+model = "bluerov2_heavy"
+position_ned_m = [0.0, 0.0, 3.0]
+[vehicles.rov.sensors.finder]
+kind = "range_finder"
+rate_hz = 10
+[adapters.page]
+kind = "web"
+port = 0
+[server]
+metrics_port = 0
+"""
 SCENE = "uw.drawing.scene"
 DRAW = "uw.drawing.draw(uw.app.timeline, null, 0.1)"
 HELD = """
@@ -157,6 +200,22 @@ def test_beams_end_where_they_hit_and_touches_are_dots(page: Page) -> None:
     with page.holding("KeyF"):
         page.wait(f"{dots}.length === 4", "it stands on its four corners")
     assert page.ask(dots) == pytest.approx([0.157] * 4, abs=0.01)
+
+
+def test_a_sensor_of_an_extension_is_shown_as_a_shipped_one_with_its_message(browser: Browser, tmp_path: Path) -> None:
+    (tmp_path / "finder.py").write_text(EXTENSION)
+    (tmp_path / "dive.toml").write_text(EXTENDED)
+    with served(tmp_path / "dive.toml", tmp_path) as (address, _):
+        page = ready(browser.open(f"{address}?fps=4#quality=low"))
+        cone = f"{SCENE}.beams.find((b) => b.sensor.path === 'rov/finder').cones[0]"
+        page.wait(f"Math.abs({cone}.scale.x + uw.vehicles.rov[2] - 6) < 0.1", "its beam ends on the seabed")
+        assert page.ask(f"'#' + {cone}.material.color.getHexString()") == "#7dffb0", "as that of an altimeter"
+        gauge = (
+            "[...document.querySelectorAll('.reading')].map((e) => e.textContent).find((t) => t.startsWith('Altitude'))"
+        )
+        page.wait(f"/Altitude[23]\\.\\d\\d m/.test({gauge} ?? '')", "it has the gauge of an altimeter")
+        assert page.ask("uw.errors") == []
+        page.close()
 
 
 def test_propellers_and_fins_do_what_the_actuators_do(page: Page) -> None:

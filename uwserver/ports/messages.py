@@ -35,6 +35,10 @@ STANDARD: Mapping[str, tuple[str, ...]] = {
     "SoundSpeed": ("sound_speed",),
     "Teleport": ("p_NB", "q_NB"),
     "TimeReference": ("utc_ns",),
+    "Training": (
+        "state", "task", "number", "count", "time", "held", "hold", "goal_p_NB", "distance", "score", "part", "hint", "found", "missing", "marks",
+        "lost",
+    ),
     "Wrench": ("force_B", "torque_B"),
 }  # fmt: skip
 """Name -> the fields that a port has at least which fits it; of `FluidPressure` one of `pressure` and `depth`. Units, frames and what a field means

@@ -3,13 +3,14 @@
 
 /** Colour of the sound of a message. */
 export const SOUND = "#8dff9a";
-const KINDS = ["acoustic_modem", "optical_modem"];
+const SOUND_MESSAGE = "AcousticPacket";
+const MESSAGES = [SOUND_MESSAGE, "OpticalPacket"];
 const RATE_HZ = 20;
 const SHOWN_BYTES = 24;
 
-/** @param {Port} port */
+/** Return whether a port reports packets of a modem. @param {Port} port */
 export function hears(port) {
-  return port.direction === "sensor" && KINDS.includes(port.kind);
+  return port.direction === "sensor" && MESSAGES.includes(port.message ?? "");
 }
 
 /** Bytes of a field as they come in JSON. @param {unknown} data */
@@ -43,13 +44,13 @@ export function words({ port, value }) {
  * @param {import("./app.js").App} app @param {Sample} sample @returns {{from: number[], far: number} | null}
  */
 export function wayOf(app, { port, value }) {
-  if (value.event === "failed" || app.port(port)?.kind !== "acoustic_modem") return null;
+  if (value.event === "failed" || app.port(port)?.message !== SOUND_MESSAGE) return null;
   const address = value.event === "delivered" ? value.destination : value.source;
   const own = port.split("/")[0];
   const place = (/** @type {number} */ k) => [...app.timeline.poses.subarray(7 * k, 7 * k + 3)];
   const to = place(app.bodies.findIndex((body) => body.name === own));
   const ways = app.bodies.flatMap((body, k) => {
-    const has = body.name !== own && body.sensors?.some((sensor) => sensor.kind === "acoustic_modem" && sensor.address === address);
+    const has = body.name !== own && body.sensors?.some((sensor) => sensor.message === SOUND_MESSAGE && sensor.address === address);
     const from = place(k);
     const far = Math.hypot(...from.map((x, axis) => x - to[axis]));
     return has && from.length === 3 && Number.isFinite(far) ? [{ from, far }] : [];

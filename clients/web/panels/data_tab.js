@@ -27,9 +27,9 @@ function write(panels) {
 function first(app) {
   const mine = app.description?.ports.filter((port) => port.path.startsWith(app.prefix) && port.direction === "sensor") ?? [];
   const depth = mine.find((port) => port.fields.some((field) => field.name === "depth"));
-  const sonar = mine.find((port) => port.kind === "scanning_sonar");
-  const pose = mine.find((port) => port.kind === "attitude" || port.kind === "motion_capture");
-  const seen = mine.find((port) => port.kind === "camera" && hasPicture(port)) ?? mine.find((port) => port.kind === "multibeam" && hasPicture(port));
+  const sonar = mine.find((port) => port.message === "SonarPing");
+  const pose = mine.find((port) => port.message === "Attitude" || port.message === "Pose");
+  const seen = mine.find((port) => port.message === "Image" && hasPicture(port)) ?? mine.find((port) => port.message === "SonarImage" && hasPicture(port));
   return [...(seen ? [{ kind: "picture", path: seen.path, field: "" }] : []), ...(depth ? [{ kind: "plot", path: depth.path, field: "depth" }] : []), ...(sonar ? [{ kind: "sonar", path: sonar.path, field: "" }] : []), ...(pose ? [{ kind: "values", path: pose.path, field: "" }] : [])];
 }
 
@@ -90,7 +90,7 @@ export function dataTab(app) {
       list.replaceChildren(...sensors.map((port) => h("div", { class: "port" },
         h("div", {}, h("div", { class: "path", title: port.doc }, port.path), h("div", { class: "kind" }, `${port.kind.replaceAll("_", " ")}${port.rate_hz ? ` · ${port.rate_hz} Hz` : ""}`)),
         h("div", { class: "row" }, h("button", { onclick: () => add("values", port) }, "Values"),
-          port.kind === "scanning_sonar" ? h("button", { onclick: () => add("sonar", port) }, "Sonar") : null,
+          port.message === "SonarPing" ? h("button", { onclick: () => add("sonar", port) }, "Sonar") : null,
           hasPicture(port) ? h("button", { onclick: () => add("picture", port) }, "Picture") : null, plotMenu(port, add)))));
       if (!sensors.length) list.replaceChildren(h("p", { class: "empty" }, app.description ? "No such port." : "Not connected."));
     };

@@ -81,14 +81,14 @@ export function commands(vehicle, ports, actuators, sticks) {
   /** @type {[string, Record<string, unknown>][]} */
   const list = [];
   const mine = ports.filter((port) => port.direction === "actuator" && port.path.startsWith(`${vehicle}/`));
-  const thrusters = mine.find((port) => port.kind === "thrusters" && port.propulsors?.length);
+  const thrusters = mine.find((port) => port.propulsors?.length && port.fields[0].shape.length);
   if (thrusters) list.push([thrusters.path, { [thrusters.fields[0].name]: mixed(patterns(thrusters.propulsors ?? []), sticks) }]);
   for (const port of mine) {
     const field = port.fields[0];
     if (!field) continue;
     const high = typeof field.maximum === "number" ? field.maximum : 0;
     const low = typeof field.minimum === "number" ? field.minimum : -high;
-    if (port.kind === "propeller") list.push([port.path, { [field.name]: sticks[0] >= 0 ? sticks[0] * high : -sticks[0] * low }]);
+    if (actuators.some((actuator) => actuator.kind === "propeller" && actuator.port === port.path)) list.push([port.path, { [field.name]: sticks[0] >= 0 ? sticks[0] * high : -sticks[0] * low }]);
     const fins = actuators.filter((actuator) => actuator.kind === "fin" && actuator.port === port.path);
     if (!fins.length) continue;
     const angles = fins.sort((a, b) => (a.index ?? 0) - (b.index ?? 0)).map((fin) => {

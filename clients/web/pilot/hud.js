@@ -5,16 +5,17 @@ import { euler, isNowhere } from "../core/frames.js";
 
 const DEG = 180 / Math.PI;
 const STALE_MS = 3000;
+const [ALTIMETER, DVL] = ["Range", "Dvl"];
 
-/** Readings by kind of port: label, field, unit, digits, how it is judged. @type {Record<string, {label: string, field: string, unit: string, digits: number, mood?: (value: any) => "" | "warn" | "bad", text?: (value: any, all: Record<string, any>) => string, factor?: number}>} */
-const READINGS = {
-  altimeter: { label: "Altitude", field: "range", unit: "m", digits: 2, mood: (value) => (value < 0.5 ? "warn" : "") },
-  dvl: { label: "DVL altitude", field: "altitude", unit: "m", digits: 2 },
-  battery: { label: "Battery", field: "charge", unit: "%", digits: 0, factor: 100, mood: (value) => (value < 0.1 ? "bad" : value < 0.25 ? "warn" : "") },
-  training: { label: "Training", field: "state", unit: "", digits: 0, text: trained, mood: (value) => (value === "failed" ? "bad" : "") },
-  tether: { label: "Tether", field: "tension", unit: "N", digits: 0 },
-  leak: { label: "Leak", field: "leak", unit: "", digits: 0, text: (value) => (value ? "WET" : "dry"), mood: (value) => (value ? "bad" : "") },
-};
+/** Readings: label, field, standard message of the port (without one any port with the field), unit, digits, how it is judged. @type {{label: string, message?: string, field: string, unit: string, digits: number, mood?: (value: any) => "" | "warn" | "bad", text?: (value: any, all: Record<string, any>) => string, factor?: number}[]} */
+const READINGS = [
+  { label: "Altitude", message: ALTIMETER, field: "range", unit: "m", digits: 2, mood: (value) => (value < 0.5 ? "warn" : "") },
+  { label: "DVL altitude", message: DVL, field: "altitude", unit: "m", digits: 2 },
+  { label: "Battery", message: "BatteryState", field: "charge", unit: "%", digits: 0, factor: 100, mood: (value) => (value < 0.1 ? "bad" : value < 0.25 ? "warn" : "") },
+  { label: "Training", message: "Training", field: "state", unit: "", digits: 0, text: trained, mood: (value) => (value === "failed" ? "bad" : "") },
+  { label: "Tether", field: "tension", unit: "N", digits: 0 },
+  { label: "Leak", message: "Leak", field: "leak", unit: "", digits: 0, text: (value) => (value ? "WET" : "dry"), mood: (value) => (value ? "bad" : "") },
+];
 
 /** Task, time and score of a pilot's training. @param {string} state @param {Record<string, any>} all */
 function trained(state, all) {
@@ -49,15 +50,17 @@ export class Hud {
     app.on("pilot", () => this.tellOwner());
   }
 
-  /** Readings of the chosen vehicle: one a kind of sensor. */
+  /** Show the readings of the chosen vehicle, each from the first sensor that has it. */
   listen() {
     for (const end of this.endings) end();
     this.endings = [];
     this.readings.replaceChildren(h("div", { class: "reading narrow" }, h("span", {}, "Depth"), this.deep));
     const { app } = this;
-    for (const [kind, reading] of Object.entries(READINGS)) {
-      const port = app.description?.ports.find((candidate) => candidate.kind === kind && candidate.direction === "sensor" && candidate.path.startsWith(app.prefix) && candidate.fields.some((field) => field.name === reading.field));
-      if (!port || (kind === "dvl" && app.description?.ports.some((other) => other.kind === "altimeter" && other.path.startsWith(app.prefix)))) continue;
+    const mine = app.description?.ports.filter((port) => port.direction === "sensor" && port.path.startsWith(app.prefix)) ?? [];
+    const hasAltimeter = mine.some((port) => port.message === ALTIMETER);
+    for (const reading of READINGS) {
+      const port = mine.find((candidate) => (!reading.message || candidate.message === reading.message) && candidate.fields.some((field) => field.name === reading.field));
+      if (!port || (reading.message === DVL && hasAltimeter)) continue;
       const value = h("b", {}, "–");
       const box = h("div", { class: "reading" }, h("span", {}, reading.label), value);
       this.readings.append(box);

@@ -200,9 +200,9 @@ export class Pilot {
     return true;
   }
 
-  /** An actuator of the chosen vehicle beside its propulsion. @param {string} kind */
-  fitting(kind) {
-    return this.app.description?.ports.find((port) => port.direction === "actuator" && port.kind === kind && port.path.startsWith(this.app.prefix));
+  /** Return the actuator of the chosen vehicle that takes a command with this field. @param {string} name */
+  fitting(name) {
+    return this.app.description?.ports.find((port) => port.direction === "actuator" && port.path.startsWith(this.app.prefix) && port.fields.some((field) => field.name === name));
   }
 
   /** Tilt the camera on board; of a vehicle that is steered from here the mount, too. @param {number} angle rad, up */
@@ -219,7 +219,7 @@ export class Pilot {
 
   /** The port that tilts the camera of the chosen vehicle, where it has one. */
   get mount() {
-    return this.fitting("camera_mount");
+    return this.fitting("tilt");
   }
 
   /** The vehicle's own camera looks where the page does. */
@@ -233,7 +233,7 @@ export class Pilot {
 
   /** Lamps of the vehicle that is steered from here, on or off. @param {boolean} on */
   shine(on) {
-    const lamps = this.fitting("lamps");
+    const lamps = this.fitting("levels");
     if (lamps && this.owns) this.app.link.notify("command", { port: lamps.path, value: { levels: Array(lamps.fields[0].shape[0]).fill(on ? 1 : 0) } });
   }
 

@@ -73,7 +73,7 @@ export class Training {
   }
 
   follow() {
-    const path = this.app.description?.ports.find((port) => port.kind === "training" && port.direction === "sensor" && port.path.startsWith(this.app.prefix))?.path ?? "";
+    const path = this.app.description?.ports.find((port) => port.message === "Training" && port.direction === "sensor" && port.path.startsWith(this.app.prefix))?.path ?? "";
     if (path === this.path && path) return;
     this.unfollow();
     this.unfollow = ignore;

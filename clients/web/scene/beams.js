@@ -4,7 +4,8 @@ import { turn } from "./stage.js";
 import { wet } from "./water.js";
 /** @typedef {import("../types").Sensor} Sensor @typedef {import("../types").Sample} Sample @typedef {import("../types").Beacon} Beacon */
 
-const COLOUR = { dvl: "#ffb14d", adcp: "#c9a2ff", altimeter: "#7dffb0", scanning_sonar: "#67d8ff", multibeam: "#67d8ff", side_scan: "#67d8ff", profiler: "#67d8ff", bathymetry: "#67d8ff", range_array: "#ff7f9f", usbl: "#ffe27a", lbl: "#ffe27a" };
+/** Colours of beams by the standard message of their port. @type {Record<string, string>} */
+const COLOUR = { Dvl: "#ffb14d", CurrentProfile: "#c9a2ff", Range: "#7dffb0", SonarPing: "#67d8ff", SonarImage: "#67d8ff", SideScan: "#67d8ff", SonarProfile: "#67d8ff", Bathymetry: "#67d8ff", LaserScan: "#ff7f9f", BeaconFix: "#ffe27a", BeaconRange: "#ffe27a" };
 
 /** @param {string} colour @param {number} opacity */
 function light(colour, opacity) {
@@ -19,7 +20,7 @@ export class Beams {
     this.group = new THREE.Group();
     this.group.position.set(...sensor.p);
     this.group.quaternion.copy(turn(sensor.q));
-    const colour = COLOUR[/** @type {keyof typeof COLOUR} */ (sensor.kind)] ?? "#9fdcff";
+    const colour = COLOUR[sensor.message ?? ""] ?? "#9fdcff";
     /** @type {THREE.Mesh[]} */
     this.cones = [];
     for (const beam of sensor.beams ?? []) {

@@ -50,7 +50,7 @@ export class Craft {
   make(paints, store, known) {
     const { body } = this;
     const fittings = (body.actuators ?? []).map(({ port: _, ...rest }) => rest);
-    const kind = JSON.stringify([body.model === "object", body.ghost && body.colour, body.shapes, fittings, (body.sensors ?? []).map((sensor) => [sensor.kind, sensor.p, sensor.q])]);
+    const kind = JSON.stringify([body.model === "object", body.ghost && body.colour, body.shapes, fittings, (body.sensors ?? []).map((sensor) => [sensor.message, sensor.p, sensor.q])]);
     const later = body.shapes.some((shape) => shape.kind === "mesh");
     let whole = known.get(kind);
     if (!whole) {

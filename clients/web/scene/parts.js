@@ -184,20 +184,24 @@ export function pontoon(paints, [x, y, z]) {
   return group;
 }
 
-/** What an instrument looks like, x along its own x; null for what lies inside. @param {Paints} paints @param {Sensor} sensor @param {number} scale about half the vehicle's height */
+/** Shapes of instruments outside the hull, by the standard message of their port. @type {Record<string, "transducer" | "janus" | "echosounder" | "antenna">} */
+const HOUSINGS = { SonarPing: "transducer", BeaconFix: "transducer", BeaconRange: "transducer", Dvl: "janus", CurrentProfile: "janus", Range: "echosounder", LaserScan: "echosounder", NavSatFix: "antenna" };
+
+/** Return what an instrument looks like, x along its own x; null for what lies inside. @param {Paints} paints @param {Sensor} sensor @param {number} scale about half the vehicle's height */
 export function instrument(paints, sensor, scale) {
   const around = paints.fine ? 20 : 10;
   const r = Math.min(0.05, Math.max(0.015, 0.22 * scale));
   const group = new THREE.Group();
-  if (sensor.kind === "scanning_sonar" || sensor.kind === "usbl" || sensor.kind === "lbl") {
+  const housing = HOUSINGS[sensor.message ?? ""];
+  if (housing === "transducer") {
     put(group, new THREE.CylinderGeometry(0.7 * r, 0.7 * r, 1.6 * r, around).rotateX(Math.PI / 2), paints.plain(COLOURS.dark, { rough: 0.4 }));
     put(group, new THREE.SphereGeometry(0.7 * r, around, around / 2), paints.plain(COLOURS.orange, { rough: 0.4 }), [0, 0, -0.8 * r]);
-  } else if (sensor.kind === "dvl" || sensor.kind === "adcp") {
+  } else if (housing === "janus") {
     put(group, new THREE.CylinderGeometry(r, r, 0.9 * r, around).rotateX(Math.PI / 2), paints.plain(COLOURS.metal, { rough: 0.4, metal: 0.3 }));
     for (let k = 0; k < 4; k += 1) put(group, new THREE.SphereGeometry(0.3 * r, 10, 8), paints.plain(COLOURS.orange), [0.5 * r * Math.cos(k * Math.PI / 2 + 0.785), 0.5 * r * Math.sin(k * Math.PI / 2 + 0.785), 0.42 * r]);
-  } else if (sensor.kind === "altimeter" || sensor.kind === "range_array") {
+  } else if (housing === "echosounder") {
     put(group, new THREE.CylinderGeometry(0.55 * r, 0.55 * r, 1.1 * r, around).rotateZ(Math.PI / 2), paints.plain(COLOURS.metal, { rough: 0.4 }));
-  } else if (sensor.kind === "gps") {
+  } else if (housing === "antenna") {
     put(group, new THREE.SphereGeometry(0.6 * r, around, around / 2), paints.plain(COLOURS.white, { rough: 0.4 }));
   } else {
     return null;

@@ -84,8 +84,8 @@ export class WorldScene {
     if (!craft) return;
     craft.group.add(this.touches.group);
     for (const sensor of craft.body.sensors ?? []) {
-      if (layers.has("contacts") && sensor.kind === "contact") this.endings.push(this.link.subscribe(sensor.path, 10, (sample) => this.touches.take(sample)));
-      if (layers.has("acoustics") && (sensor.kind === "usbl" || sensor.kind === "lbl")) this.listen(sensor.path);
+      if (layers.has("contacts") && sensor.message === "Contact") this.endings.push(this.link.subscribe(sensor.path, 10, (sample) => this.touches.take(sample)));
+      if (layers.has("acoustics")) this.listen(sensor.path);
       if (!layers.has("beams")) continue;
       const beams = new Beams(sensor);
       if (!beams.listens) continue;
@@ -95,9 +95,10 @@ export class WorldScene {
     }
   }
 
-  /** Pings of an acoustic sensor: out from the vehicle, and back from the beacon that answers. @param {string} path */
+  /** Draw the pings of a sensor that interrogates beacons: out from the vehicle, and back from the beacon that answers. @param {string} path */
   listen(path) {
     const mine = this.world.beacons.filter((beacon) => beacon.sensor === path);
+    if (!mine.length) return;
     this.endings.push(this.link.subscribe(path, 10, (sample) => {
       const craft = this.crafts[this.chosen];
       const beacon = mine.find((candidate) => candidate.name === sample.value.beacon);

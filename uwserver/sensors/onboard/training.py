@@ -43,6 +43,7 @@ class TrainingConfig(SensorTable, tag="training", kw_only=True, frozen=True):
         view_deg: full angle of the cone about the camera's x axis in which the pilot sees things well.
     """
 
+    message = "Training"
     tasks: dict[str, Reach | HoldDepth | Gate | Inspect | Follow]
     limit_s: Annotated[float, Meta(gt=0, le=1e6)] = 600.0
     collision_points: Points = 10.0
