@@ -34,7 +34,7 @@ from uwserver_adapters.rosbridge import wishes
 from uwserver_adapters.rosbridge.config import RosbridgeConfig
 from uwserver_adapters.sockets import connection as sockets_connection
 from uwserver_adapters.sockets import datagrams
-from uwserver_adapters.sockets.config import SocketsConfig
+from uwserver_adapters.sockets.connection import SocketsConfig
 from uwserver_adapters.video import announcer, rtsp
 from uwserver_adapters.video import connection as video_connection
 from uwserver_adapters.video import datagrams as video_datagrams

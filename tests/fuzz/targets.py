@@ -19,15 +19,13 @@ from uwserver_adapters.ardupilot import wire as ardupilot
 from uwserver_adapters.devices import device as devices
 from uwserver_adapters.devices import (
     oculus,
-    oculus_messages,
     ping360,
     ping_protocol,
     seatrac,
     seatrac_messages,
     vectornav,
-    vectornav_text,
+    vectornav_messages,
     water_linked_a50,
-    xbus,
     xsens,
 )
 from uwserver_adapters.mavlink.wire import frames as mavlink_frames
@@ -44,7 +42,7 @@ from uwserver_adapters.player import wire as player
 from uwserver_adapters.px4 import codec as px4
 from uwserver_adapters.ros1 import wire as tcpros
 from uwserver_adapters.ros1 import xmlrpc
-from uwserver_adapters.sil.channels import Scale
+from uwserver_adapters.sil.in_the_loop import Scale
 from uwserver_adapters.sockets import SocketsAdapter
 from uwserver_adapters.sockets.connection import Connection
 from uwserver_adapters.video import camera as video_camera
@@ -880,9 +878,9 @@ class DeviceMessages(InLoop):
     def _check(self, name: str, device: Any, data: bytes) -> None:
         probe = {
             "ping360": ping_protocol.encode(ping_protocol.Frame(5)),
-            "vectornav": vectornav_text.line("VNRRG", "1"),
+            "vectornav": vectornav_messages.line("VNRRG", "1"),
         }
-        probe["xsens"] = xbus.encode(xbus.XbusMessage(0))
+        probe["xsens"] = xsens.encode(xsens.XbusMessage(0))
         probe["seatrac"] = seatrac_messages.encode(seatrac_messages.SeaTracMessage(1), b"#")
         replies, bad = devices_rig.ask(device, probe.get(name, b""))
         assert bad == [], data
@@ -939,14 +937,14 @@ class DeviceMessages(InLoop):
         )
         ascii_values = [value for value in values if value.isascii()]
         verb = dice.one(("VNWRG", "VNWRG", "VNRRG", "VNASY", "VNBOM", "VNWNV", "VNRST", "VNRFS", "VNTAR"))
-        return vectornav_text.line(verb, *(dice.one(ascii_values) for _ in range(dice.below(8))))
+        return vectornav_messages.line(verb, *(dice.one(ascii_values) for _ in range(dice.below(8))))
 
     def _xsens(self) -> bytes:
         dice = self._dice
         numbers, rates = (0x2010, 0x4022, 0x1060, 0x5042, dice.below(1 << 16)), (0, 100, 0xFFFF, dice.below(3000))
         items = [struct.pack(">HH", dice.one(numbers), dice.one(rates)) for _ in range(dice.below(36))]
         number = dice.one((0xC0, 0xC0, 0x30, 0x10, 0x40, 0x00, dice.below(256)))
-        return xbus.encode(xbus.XbusMessage(number, dice.one((b"".join(items), dice.bytes(300)))))
+        return xsens.encode(xsens.XbusMessage(number, dice.one((b"".join(items), dice.bytes(300)))))
 
     def _seatrac(self) -> bytes:
         dice = self._dice
@@ -956,14 +954,14 @@ class DeviceMessages(InLoop):
 
     def _oculus(self) -> bytes:
         dice = self._dice
-        payload = oculus_messages.Fire(2, 0, extended=dice.one(((), (0,) * 9))).payload()
+        payload = oculus.Fire(2, 0, extended=dice.one(((), (0,) * 9))).payload()
         number = dice.one((0x15, 0x15, 0x15, 0x55, 0xFF, dice.below(256)))
         at = dice.below(len(payload) - 8)
         odd = struct.pack("<d", dice.one((0.0, -1.0, 1e308, math.nan, math.inf, 12.5)))
         changed = dice.one(
             (payload, payload[:at] + odd + payload[at + 8 :], bytes((dice.below(4), dice.below(8))) + payload[2:])
         )
-        return oculus_messages.encode(oculus_messages.OculusMessage(number, changed, dice.below(3)))
+        return oculus.encode(oculus.OculusMessage(number, changed, dice.below(3)))
 
 
 class Rtsp(Target):

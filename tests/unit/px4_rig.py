@@ -10,7 +10,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 from uwserver_adapters.px4.driver import COUNTS, Px4Driver
 from uwserver_adapters.px4.sensor_messages import Roles, SensorMessages
-from uwserver_adapters.sil.channels import Outputs
+from uwserver_adapters.sil.in_the_loop import Outputs
 
 from uwserver.adapter import AdapterStats, Order, Readings
 from uwserver.ports import Field, Port, Sample

@@ -16,8 +16,7 @@ from typing import Any
 import msgpack
 import pytest
 from uwserver_adapters.sockets import SocketsAdapter
-from uwserver_adapters.sockets.config import SocketsConfig
-from uwserver_adapters.sockets.connection import Connection
+from uwserver_adapters.sockets.connection import Connection, SocketsConfig
 
 from uwserver.adapter import connection
 from uwserver.testing import FakeContext, Loopback

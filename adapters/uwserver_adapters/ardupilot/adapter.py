@@ -17,8 +17,7 @@ from uwserver.table import Name, PortNumber, Positive
 from uwserver_adapters.ardupilot import wire
 from uwserver_adapters.ardupilot.driver import COUNTS, ArduPilotDriver, State
 from uwserver_adapters.ardupilot.dvl import DvlTable, MavlinkOut, Movement
-from uwserver_adapters.sil.channels import Outputs, Scale, SilTable, named_readings
-from uwserver_adapters.sil.world import drive, stand_by
+from uwserver_adapters.sil.in_the_loop import Outputs, Scale, SilTable, drive, named_readings, stand_by
 
 log = logging.getLogger(__name__)
 

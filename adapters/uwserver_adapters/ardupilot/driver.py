@@ -13,8 +13,7 @@ from uwserver.frames import Quat, Vec3, rotate
 from uwserver.ports import Fault, Sample
 from uwserver_adapters.ardupilot import wire
 from uwserver_adapters.ardupilot.wire import Bad, Frame
-from uwserver_adapters.sil.channels import Outputs, Scale
-from uwserver_adapters.sil.world import inertial
+from uwserver_adapters.sil.in_the_loop import Outputs, Scale, inertial
 
 log = logging.getLogger(__name__)
 

@@ -16,8 +16,7 @@ from uwserver.table import Name, Table
 from uwserver_adapters.devices import seatrac_messages as wire
 from uwserver_adapters.devices.codec import NANOSECONDS
 from uwserver_adapters.devices.device import DeviceInput, DeviceTable, Garbage, LineReader, Reply
-from uwserver_adapters.devices.seatrac_datagrams import Datagrams
-from uwserver_adapters.devices.seatrac_messages import Found, Local, SeaTracMessage, encode
+from uwserver_adapters.devices.seatrac_messages import Datagrams, Found, Local, SeaTracMessage, encode
 
 BeaconId = Annotated[int, Meta(ge=1, le=15)]
 PART_X150, SERIAL_NUMBER, FIRMWARE = 795, 1, (2, 4, 1000)

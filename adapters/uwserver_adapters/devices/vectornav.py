@@ -10,13 +10,11 @@ from msgspec.structs import replace
 
 from uwserver.adapter import AdapterContext
 from uwserver.ports import Sample
-from uwserver_adapters.devices import vectornav_binary as binary
-from uwserver_adapters.devices import vectornav_text as text
+from uwserver_adapters.devices import vectornav_messages as wire
 from uwserver_adapters.devices.codec import NANOSECONDS
 from uwserver_adapters.devices.device import Garbage, LineReader, Reply
 from uwserver_adapters.devices.inertial import InertialDevice, InertialTable, Readings
-from uwserver_adapters.devices.vectornav_binary import BinaryOutput
-from uwserver_adapters.devices.vectornav_text import OUTPUTS, Command, Misread
+from uwserver_adapters.devices.vectornav_messages import OUTPUTS, BinaryOutput, Command, Misread
 
 ASYNC_TYPE, ASYNC_HZ, FIRST_BINARY, BINARIES = 6, 7, 75, 3
 FIRMWARE = "2.1.0.0"
@@ -89,19 +87,19 @@ class VectorNav(InertialDevice):
 
     def reader(self) -> LineReader[Command | Misread | Garbage]:
         """Return a reader of commands."""
-        return LineReader(text.LINE_LIMIT, text.read)
+        return LineReader(wire.LINE_LIMIT, wire.read)
 
     # -- requests -------------------------------------------------------------------------------------------------------------------
 
     def take(self, message: Command | Misread, reply: Reply) -> str:
         """Answer a command: by its echo with what it asked for, or by an error."""
         if isinstance(message, Misread):
-            reply(text.error(text.BAD_CHECKSUM))
+            reply(wire.error(wire.BAD_CHECKSUM))
             return "the checksum of a message is wrong"
         try:
             reply(self._obeyed(message))
         except _Refused as refused:
-            reply(text.error(refused.number))
+            reply(wire.error(refused.number))
             return f"{message.verb}: {refused}"
         return ""
 
@@ -110,12 +108,12 @@ class VectorNav(InertialDevice):
         if command.verb == "VNRRG":
             _counted(values, 1, 1)
             number = _whole(values[0], 0, 255)
-            return text.line("VNRRG", f"{number:02d}", *self._read(number))
+            return wire.line("VNRRG", f"{number:02d}", *self._read(number))
         if command.verb == "VNWRG":
             _counted(values, 2, len(values))
             number = _whole(values[0], 0, 255)
             self._write(number, values[1:])
-            return text.line("VNWRG", f"{number:02d}", *values[1:])
+            return wire.line("VNWRG", f"{number:02d}", *values[1:])
         if command.verb == "VNBOM":
             _counted(values, 1, 1)
             return self._poll(_whole(values[0], 0, 255))
@@ -128,8 +126,8 @@ class VectorNav(InertialDevice):
         elif command.verb == "VNRST":
             self.settings, self._is_paused = self._saved, False
         else:
-            raise _Refused(text.UNKNOWN_COMMAND, "this simulated device does not know the command")
-        return text.line(command.verb, *values)
+            raise _Refused(wire.UNKNOWN_COMMAND, "this simulated device does not know the command")
+        return wire.line(command.verb, *values)
 
     def _read(self, number: int) -> tuple[str, ...]:
         settings = self.settings
@@ -148,12 +146,12 @@ class VectorNav(InertialDevice):
             return str(output.ports), str(output.divisor), f"{output.groups:02X}", *fields
         output_of = _BY_REGISTER.get(number)
         if output_of is None or (output_of.needs_gps and self._model == "VN-100"):
-            raise _Refused(text.UNKNOWN_REGISTER, f"register {number} is not simulated")
+            raise _Refused(wire.UNKNOWN_REGISTER, f"register {number} is not simulated")
         return (output_of.values(self._readings()),)
 
     def _readings(self) -> Readings:
         if self.newest is None:
-            raise _Refused(text.BAD_PARAMETER, "nothing is measured yet")
+            raise _Refused(wire.BAD_PARAMETER, "nothing is measured yet")
         return self.newest
 
     def _write(self, number: int, values: tuple[str, ...]) -> None:
@@ -161,10 +159,10 @@ class VectorNav(InertialDevice):
         if number in (ASYNC_TYPE, ASYNC_HZ):
             _counted(values, 1, 2)  # the second value names one of the two lines of a real device; there is one here
             value = _whole(values[0], 0, 255)
-            if number == ASYNC_HZ and value not in text.FREQUENCIES_HZ:
-                raise _Refused(text.BAD_PARAMETER, f"{value} Hz: it is one of {text.FREQUENCIES_HZ}")
+            if number == ASYNC_HZ and value not in wire.FREQUENCIES_HZ:
+                raise _Refused(wire.BAD_PARAMETER, f"{value} Hz: it is one of {wire.FREQUENCIES_HZ}")
             if number == ASYNC_TYPE and value and not self._has(value):
-                raise _Refused(text.BAD_PARAMETER, f"asynchronous message {value} is not simulated")
+                raise _Refused(wire.BAD_PARAMETER, f"asynchronous message {value} is not simulated")
             name = "async_type" if number == ASYNC_TYPE else "async_hz"
             self.settings = replace(settings, **{name: value})
         elif 0 <= number - FIRST_BINARY < BINARIES:
@@ -176,9 +174,9 @@ class VectorNav(InertialDevice):
             _counted(values, min(1, most), max(most, 2) if number == 5 else most)
             self.settings = replace(settings, kept={**settings.kept, number: values})
         elif number == 1 or number in _READ_ONLY or number in _BY_REGISTER:
-            raise _Refused(text.NOT_ALLOWED, f"register {number} cannot be written")
+            raise _Refused(wire.NOT_ALLOWED, f"register {number} cannot be written")
         else:
-            raise _Refused(text.UNKNOWN_REGISTER, f"register {number} is not simulated")
+            raise _Refused(wire.UNKNOWN_REGISTER, f"register {number} is not simulated")
 
     def _has(self, async_type: int) -> bool:
         output = OUTPUTS.get(async_type)
@@ -186,8 +184,8 @@ class VectorNav(InertialDevice):
 
     def _poll(self, number: int) -> bytes:
         if not 1 <= number <= BINARIES or not self.settings.binary[number - 1].groups:
-            raise _Refused(text.BAD_PARAMETER, f"there is no binary output {number}")
-        return binary.encode(self.settings.binary[number - 1], self._readings())
+            raise _Refused(wire.BAD_PARAMETER, f"there is no binary output {number}")
+        return wire.encode(self.settings.binary[number - 1], self._readings())
 
     # -- readings -------------------------------------------------------------------------------------------------------------------
 
@@ -199,41 +197,41 @@ class VectorNav(InertialDevice):
         settings, said, t_ns = self.settings, [], readings.t_ns
         if settings.async_type and self.is_due(0, t_ns // (NANOSECONDS // settings.async_hz)):
             output = OUTPUTS[settings.async_type]
-            said.append(text.line(output.header, output.values(readings)))
+            said.append(wire.line(output.header, output.values(readings)))
         for number, output_to in enumerate(settings.binary, start=1):
             if not (output_to.ports and output_to.groups and output_to.divisor):
                 continue
-            if self.is_due(number, t_ns // (output_to.divisor * NANOSECONDS // binary.IMU_RATE_HZ)):
-                said.append(binary.encode(output_to, readings))
+            if self.is_due(number, t_ns // (output_to.divisor * NANOSECONDS // wire.IMU_RATE_HZ)):
+                said.append(wire.encode(output_to, readings))
         return said
 
 
 def _counted(values: tuple[str, ...], least: int, most: int) -> None:
     if len(values) < least:
-        raise _Refused(text.TOO_FEW, f"{len(values)} values, at least {least} are needed")
+        raise _Refused(wire.TOO_FEW, f"{len(values)} values, at least {least} are needed")
     if len(values) > most:
-        raise _Refused(text.TOO_MANY, f"{len(values)} values, at most {most} are taken")
+        raise _Refused(wire.TOO_MANY, f"{len(values)} values, at most {most} are taken")
 
 
 def _whole(value: str, least: int, most: int, base: int = 10) -> int:
     try:
         number = int(value, base)
     except ValueError:
-        raise _Refused(text.BAD_PARAMETER, f'"{value[:20]}" is no whole number') from None
+        raise _Refused(wire.BAD_PARAMETER, f'"{value[:20]}" is no whole number') from None
     if not least <= number <= most:
-        raise _Refused(text.BAD_PARAMETER, f"{number} is not in {least} to {most}")
+        raise _Refused(wire.BAD_PARAMETER, f"{number} is not in {least} to {most}")
     return number
 
 
 def _binary(values: tuple[str, ...]) -> BinaryOutput:
-    _counted(values, 3, 3 + len(binary.FIELDS))
+    _counted(values, 3, 3 + len(wire.FIELDS))
     ports, divisor = _whole(values[0], 0, 3), _whole(values[1], 0, 0xFFFF)
     groups = _whole(values[2], 0, 0xFF, 16)
     # An output that is switched off may carry fields of groups that are not named: the maker's own library sends zeros.
     fields = tuple(_whole(value, 0, 0xFFFF, 16) for value in values[3:])
     output = BinaryOutput(ports, divisor, groups, fields if groups else ())
     if output.ports and output.groups and not divisor:
-        raise _Refused(text.BAD_PARAMETER, "the divisor of the rate is 0")
-    if fault := binary.fault_of(output):
-        raise _Refused(text.BAD_PARAMETER, fault)
+        raise _Refused(wire.BAD_PARAMETER, "the divisor of the rate is 0")
+    if fault := wire.fault_of(output):
+        raise _Refused(wire.BAD_PARAMETER, fault)
     return output

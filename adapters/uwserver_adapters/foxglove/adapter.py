@@ -38,8 +38,7 @@ from uwserver_adapters.foxglove import codec
 from uwserver_adapters.foxglove.catalogue import FRAMES, LOG, SCENE, Catalogue
 from uwserver_adapters.foxglove.client import Client
 from uwserver_adapters.foxglove.config import FoxgloveConfig
-from uwserver_adapters.foxglove.door import Door
-from uwserver_adapters.foxglove.outbox import Outbox
+from uwserver_adapters.foxglove.outbox import Door, Outbox
 from uwserver_adapters.foxglove.playback import Playback
 
 _CLOSE_S = 1.0

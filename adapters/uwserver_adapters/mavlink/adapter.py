@@ -1,17 +1,48 @@
-"""The `mavlink` adapter: shows one vehicle to ground stations as an ArduSub ROV."""
+"""The `mavlink` adapter: shows one vehicle to ground stations as an ArduSub ROV, on the links that its table names."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections.abc import Callable
 from datetime import datetime, timezone
 
 from uwserver.adapter import AdapterBase, CannotServe, serving, vehicle_of
-from uwserver_adapters.mavlink.links.endpoint import RETRY_S, Link
-from uwserver_adapters.mavlink.links.entries import make
+from uwserver_adapters.mavlink.links.endpoint import RETRY_S, Address, BadLink, Link
 from uwserver_adapters.mavlink.links.router import Router
+from uwserver_adapters.mavlink.links.stream import SerialLink, TcpIn, TcpOut
+from uwserver_adapters.mavlink.links.udp import UdpIn, UdpOut
+from uwserver_adapters.mavlink.links.zenoh import ZenohLink
 from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
 from uwserver_adapters.mavlink.wire.dialect import Dialect
+
+_SOCKETS: dict[str, Callable[[Address, Router], Link]] = {
+    "udpout": UdpOut,
+    "udpin": UdpIn,
+    "tcpin": TcpIn,
+    "tcpout": TcpOut,
+}
+
+
+def make(text: str, router: Router) -> Link:
+    """Return the link that a text describes.
+
+    Raises:
+        BadLink: the text is no link.
+    """
+    kind, _, rest = text.partition(":")
+    if kind == "serial" and rest:
+        return SerialLink(rest, router)
+    if kind == "zenoh" and "/" in rest:
+        return ZenohLink(rest, router)
+    host, _, number = rest.rpartition(":")
+    host = host.strip("[]")
+    if kind not in _SOCKETS or not host or not number.isdecimal() or int(number) > 0xFFFF:
+        raise BadLink(
+            f'link "{text}": write udpout:host:port, udpin:host:port, tcpin:host:port, tcpout:host:port, serial:/dev/ttyS1, or zenoh:tcp/host:port'
+        )
+    return _SOCKETS[kind]((host, int(number)), router)
+
 
 TICK_S = 0.05
 """Wall time between two checks of time-outs and downloads."""

@@ -32,7 +32,7 @@ from uwserver.frames import frd_from_flu, rotate, rpy_from_quat
 from uwserver.ports import Refused, Sample
 from uwserver_adapters.morse import codec
 from uwserver_adapters.morse.config import AutopilotTable, MorseConfig
-from uwserver_adapters.sil.channels import Outputs, Scale
+from uwserver_adapters.sil.in_the_loop import Outputs, Scale
 
 LINE_LIMIT = 4096
 """Longest line of the autopilot, bytes. It writes some 150."""

@@ -8,7 +8,7 @@ from msgspec import Meta, field
 
 from uwserver.adapter import UNANSWERED, OpenTable
 from uwserver.table import Count, Name, PortNumber, Table
-from uwserver_adapters.sil.channels import OutputTable
+from uwserver_adapters.sil.in_the_loop import OutputTable
 
 FIRST_STREAM = 60000
 """TCP port of the first stream, as MORSE has it."""

@@ -12,8 +12,7 @@ from msgspec import field
 from uwserver.adapter import AdapterBase, CannotServe, bound_socket
 from uwserver.table import Name, NonNegative, PortNumber, Positive, Table
 from uwserver_adapters.px4.sensor_messages import Roles, SensorMessages
-from uwserver_adapters.sil.channels import Outputs, SilTable, named_readings
-from uwserver_adapters.sil.world import drive, stand_by
+from uwserver_adapters.sil.in_the_loop import Outputs, SilTable, drive, named_readings, stand_by
 
 if TYPE_CHECKING:
     from uwserver_adapters.px4.driver import Px4Driver

@@ -13,7 +13,7 @@ from uwserver.ports import Fault, Sample
 from uwserver_adapters.px4 import codec
 from uwserver_adapters.px4.door import READ, Connection, Door
 from uwserver_adapters.px4.sensor_messages import SensorMessages
-from uwserver_adapters.sil.channels import Outputs
+from uwserver_adapters.sil.in_the_loop import Outputs
 
 log = logging.getLogger(__name__)
 

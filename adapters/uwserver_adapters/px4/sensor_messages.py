@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from uwserver.adapter import Reading, Readings
 from uwserver.frames import Vec3
 from uwserver_adapters.sil.codec import nanoseconds, radians
-from uwserver_adapters.sil.world import inertial
+from uwserver_adapters.sil.in_the_loop import inertial
 
 if TYPE_CHECKING:
     from uwserver_adapters.px4.codec import Codec, Interval

@@ -23,8 +23,7 @@ from uwserver.adapter import (
 )
 from uwserver_adapters.native.service import NativeService
 from uwserver_adapters.native.session import Allowance
-from uwserver_adapters.sockets.config import SocketsConfig
-from uwserver_adapters.sockets.connection import Connection
+from uwserver_adapters.sockets.connection import Connection, SocketsConfig
 from uwserver_adapters.sockets.datagrams import RECEIVE_BUFFER, DatagramEndpoint
 
 

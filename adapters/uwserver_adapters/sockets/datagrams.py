@@ -21,7 +21,7 @@ from uwserver_adapters.native.codec import Codec
 from uwserver_adapters.native.messages import JSON, MSGPACK, Encoding, Malformed, Request, parse_json, parse_msgpack
 from uwserver_adapters.native.outbox import Delivery
 from uwserver_adapters.native.service import NativeService
-from uwserver_adapters.sockets.config import SocketsConfig
+from uwserver_adapters.sockets.connection import SocketsConfig
 
 DATAGRAM_LIMIT = 65507
 """Longest datagram, bytes: what UDP over IPv4 can carry."""

@@ -7,28 +7,20 @@ from collections.abc import Callable, Mapping, Sequence
 
 from uwserver.adapter import AdapterContext
 from uwserver.ports import Event
-from uwserver_adapters.mavlink.vehicle.autopilot import Done
-from uwserver_adapters.mavlink.vehicle.bridge import CRITICAL, ERROR, INFO, NOTICE, WARNING, Bridge, Send
+from uwserver_adapters.mavlink.vehicle.bridge import CRITICAL, ERROR, INFO, NOTICE, WARNING, Bridge, Done, Home, Send
 from uwserver_adapters.mavlink.vehicle.commands import Commands
 from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
-from uwserver_adapters.mavlink.vehicle.failsafe import Failsafes
-from uwserver_adapters.mavlink.vehicle.files import SIZE, Files, message, parse
-from uwserver_adapters.mavlink.vehicle.home import Home
-from uwserver_adapters.mavlink.vehicle.identity import CUSTOM_FRAME, FRAMES, banner
 from uwserver_adapters.mavlink.vehicle.missions import Missions
-from uwserver_adapters.mavlink.vehicle.modes import BY_NAME
-from uwserver_adapters.mavlink.vehicle.outputs import Outputs, wired
-from uwserver_adapters.mavlink.vehicle.parameters import Parameters
-from uwserver_adapters.mavlink.vehicle.payload import Payload
-from uwserver_adapters.mavlink.vehicle.pilot import Pilot
+from uwserver_adapters.mavlink.vehicle.modes import BY_NAME, CUSTOM_FRAME, FRAMES, banner, in_words_of_mavlink
+from uwserver_adapters.mavlink.vehicle.outputs import Outputs, Payload, wired
+from uwserver_adapters.mavlink.vehicle.parameters import SIZE, Files, Parameters, message, parse
+from uwserver_adapters.mavlink.vehicle.pilot import Failsafes, Pilot
 from uwserver_adapters.mavlink.vehicle.setpoints import SetPoints
 from uwserver_adapters.mavlink.vehicle.telemetry import Telemetry
 from uwserver_adapters.mavlink.vehicle.tunnel import Tunnel
-from uwserver_adapters.mavlink.vehicle.wording import in_words_of_mavlink
-from uwserver_adapters.mavlink.wire.channel import Channel
+from uwserver_adapters.mavlink.wire.channel import GROUPS, POSITION, Channel
 from uwserver_adapters.mavlink.wire.codec import seconds
 from uwserver_adapters.mavlink.wire.dialect import Dialect, MavlinkMessage
-from uwserver_adapters.mavlink.wire.streams import GROUPS, POSITION
 
 HEARTBEAT_S = 1.0
 """Wall time between two heartbeats."""

@@ -8,13 +8,10 @@ from typing import Literal
 
 from msgspec import Struct, structs
 
-from uwserver_adapters.mavlink.vehicle.autopilot import Done
-from uwserver_adapters.mavlink.vehicle.bridge import INFO, NOTICE, WARNING, Bridge
-from uwserver_adapters.mavlink.vehicle.home import Place, place_of_e7
+from uwserver_adapters.mavlink.vehicle.bridge import INFO, NOTICE, WARNING, Bridge, Done, Place, place_of_e7
 from uwserver_adapters.mavlink.vehicle.missions import Missions
 from uwserver_adapters.mavlink.vehicle.modes import BY_ENTRY, GUIDED, POSHOLD, SURFACE, Mode
-from uwserver_adapters.mavlink.vehicle.outputs import Outputs
-from uwserver_adapters.mavlink.vehicle.payload import Payload
+from uwserver_adapters.mavlink.vehicle.outputs import Outputs, Payload
 from uwserver_adapters.mavlink.vehicle.setpoints import GLOBAL_FRAMES, RELATIVE_ALTITUDE, SetPoints
 from uwserver_adapters.mavlink.vehicle.telemetry import Telemetry
 from uwserver_adapters.mavlink.wire.channel import Channel

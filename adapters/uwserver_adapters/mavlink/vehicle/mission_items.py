@@ -10,7 +10,7 @@ from msgspec import Struct
 
 from uwserver.frames import Vec3
 from uwserver.ports import Json
-from uwserver_adapters.mavlink.vehicle.home import Home
+from uwserver_adapters.mavlink.vehicle.bridge import Home
 from uwserver_adapters.mavlink.vehicle.setpoints import GLOBAL_FRAMES, LOCAL_NED
 from uwserver_adapters.mavlink.wire.codec import degrees_e7, finite, vec3
 from uwserver_adapters.mavlink.wire.dialect import Entry, MavlinkMessage

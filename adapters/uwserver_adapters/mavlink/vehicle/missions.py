@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from msgspec import Struct
 
 from uwserver.ports import Json
-from uwserver_adapters.mavlink.vehicle.autopilot import Done
-from uwserver_adapters.mavlink.vehicle.bridge import INFO, WARNING, Bridge
+from uwserver_adapters.mavlink.vehicle.bridge import INFO, WARNING, Bridge, Done
 from uwserver_adapters.mavlink.vehicle.mission_items import (
     LARGEST,
     TAKEOFF,

@@ -8,8 +8,7 @@ from collections.abc import Mapping
 
 from uwserver.adapter import AdapterContext, Conversation
 from uwserver.frames import Quat, Vec3, conjugate, quat_from_rpy, rotate
-from uwserver_adapters.mavlink.vehicle.autopilot import command
-from uwserver_adapters.mavlink.vehicle.home import Home
+from uwserver_adapters.mavlink.vehicle.bridge import Home, command
 from uwserver_adapters.mavlink.wire.codec import deflection, vector
 from uwserver_adapters.mavlink.wire.dialect import MavlinkMessage
 

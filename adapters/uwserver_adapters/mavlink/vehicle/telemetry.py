@@ -7,15 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 from uwserver.frames import quat_from_rpy, rpy_from_quat
 from uwserver_adapters.mavlink.vehicle.bridge import Bridge
-from uwserver_adapters.mavlink.vehicle.failsafe import Failsafes
-from uwserver_adapters.mavlink.vehicle.identity import autopilot_version, available_modes
-from uwserver_adapters.mavlink.vehicle.instruments import UNKNOWN_16, Instruments
 from uwserver_adapters.mavlink.vehicle.missions import Missions
-from uwserver_adapters.mavlink.vehicle.modes import shown
-from uwserver_adapters.mavlink.vehicle.outputs import Outputs
-from uwserver_adapters.mavlink.vehicle.payload import TILT_LIMIT_DEG, Payload
-from uwserver_adapters.mavlink.vehicle.pilot import Pilot
-from uwserver_adapters.mavlink.vehicle.readings import Readings, State
+from uwserver_adapters.mavlink.vehicle.modes import autopilot_version, available_modes, shown
+from uwserver_adapters.mavlink.vehicle.outputs import TILT_LIMIT_DEG, Outputs, Payload
+from uwserver_adapters.mavlink.vehicle.pilot import Failsafes, Pilot
+from uwserver_adapters.mavlink.vehicle.readings import UNKNOWN_16, Instruments, Readings, State
 from uwserver_adapters.mavlink.vehicle.setpoints import LOCAL_NED
 from uwserver_adapters.mavlink.wire.codec import (
     compass_centidegrees,

@@ -6,8 +6,7 @@ from collections.abc import Collection, Sequence
 
 from uwserver.adapter import AdapterContext, Conversation
 from uwserver.ports import Buffer, Port, Sample
-from uwserver_adapters.mavlink.vehicle.autopilot import command
-from uwserver_adapters.mavlink.vehicle.bridge import WARNING, Bridge
+from uwserver_adapters.mavlink.vehicle.bridge import WARNING, Bridge, command
 from uwserver_adapters.mavlink.wire.dialect import Fields, MavlinkMessage
 
 ADDRESSED = 32_768

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from uwserver_adapters.sil.channels import Outputs, Scale
+from uwserver_adapters.sil.in_the_loop import Outputs, Scale
 
 import uwserver
 from uwserver.world import World

@@ -8,7 +8,7 @@ import math
 import pytest
 from uwserver_adapters.ardupilot import wire
 from uwserver_adapters.ardupilot.wire import Frame
-from uwserver_adapters.sil.channels import Scale
+from uwserver_adapters.sil.in_the_loop import Scale
 from uwserver_bench.ardupilot_peer import Misread, read, servo_packet
 
 STATE = (

@@ -15,7 +15,7 @@ from adapter_rig import serving
 from devices_rig import ATTITUDE, COMPASS, GPS, IMU, ask, make_context, sample
 from uwserver_adapters.devices import DevicesAdapter
 from uwserver_adapters.devices.vectornav import VectorNav, VectorNavTable
-from uwserver_adapters.devices.vectornav_text import line
+from uwserver_adapters.devices.vectornav_messages import line
 
 HALF = math.radians(15.0)
 NORTH_EAST = (math.cos(HALF), 0.0, 0.0, math.sin(HALF))  # a heading of 30 degrees

@@ -15,7 +15,7 @@ import msgspec
 import pytest
 from kernel_buffers import keep_small
 from uwserver_adapters.sockets import SocketsAdapter
-from uwserver_adapters.sockets.config import SocketsConfig
+from uwserver_adapters.sockets.connection import SocketsConfig
 
 from uwserver.adapter import CannotListen, accepting
 from uwserver.testing import FakeContext, TcpPeer

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from kernel_buffers import shorten_suite
 from uwserver_adapters.sockets import SocketsAdapter
-from uwserver_adapters.sockets.config import SocketsConfig
+from uwserver_adapters.sockets.connection import SocketsConfig
 from websockets.asyncio.client import connect
 
 from uwserver.adapter import CannotListen

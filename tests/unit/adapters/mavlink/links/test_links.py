@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 from uwserver_adapters.mavlink.adapter import MavlinkAdapter
-from uwserver_adapters.mavlink.links import zenoh_json
+from uwserver_adapters.mavlink.links import zenoh as zenoh_link
 from uwserver_adapters.mavlink.links.endpoint import BadLink
 from uwserver_adapters.mavlink.links.router import Router
 from uwserver_adapters.mavlink.vehicle.config import MavlinkConfig
@@ -209,7 +209,7 @@ async def test_too_many_peers_are_refused_and_told(serve, make_rov, monkeypatch)
 
 
 async def test_who_only_listens_by_tcp_makes_way_for_who_speaks(serve, make_rov, monkeypatch):
-    monkeypatch.setattr("uwserver_adapters.mavlink.links.tcp.PEERS", 1)
+    monkeypatch.setattr("uwserver_adapters.mavlink.links.stream.PEERS", 1)
     async with serve(adapter(make_rov(), "tcpin:127.0.0.1:0")) as context:
         with contextlib.ExitStack() as stack:
             for _ in range(STRANGERS + 20):
@@ -300,7 +300,7 @@ async def test_json_over_zenoh(serve, make_rov, monkeypatch):
         return real(*args)
 
     for step in ("fields_of", "text_of"):
-        monkeypatch.setattr(zenoh_json, step, partial(counted, step, getattr(zenoh_json, step)))
+        monkeypatch.setattr(zenoh_link, step, partial(counted, step, getattr(zenoh_link, step)))
 
     def has(key: str) -> list[Any]:
         return [json.loads(s.payload.to_bytes()) for s in list(heard) if str(s.key_expr) == key]

@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 import pytest
-from uwserver_adapters.mavlink.vehicle.home import Home
+from uwserver_adapters.mavlink.vehicle.bridge import Home
 from uwserver_adapters.mavlink.vehicle.missions import Missions
 
 ACCEPTED, ERROR, BAD_FRAME, UNSUPPORTED, NO_SPACE, INVALID = 0, 1, 2, 3, 4, 5

@@ -6,7 +6,7 @@ import io
 import math
 
 import pytest
-from uwserver_adapters.mavlink.vehicle.files import (
+from uwserver_adapters.mavlink.vehicle.parameters import (
     BURST,
     CRC,
     LIST,
@@ -16,10 +16,10 @@ from uwserver_adapters.mavlink.vehicle.files import (
     SIZE,
     TERMINATE,
     Files,
+    Parameters,
     Request,
     parse,
 )
-from uwserver_adapters.mavlink.vehicle.parameters import Parameters
 
 mavftp = pytest.importorskip("pymavlink.mavftp")
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from uwserver_adapters.mavlink.vehicle.identity import CAPABILITIES
-from uwserver_adapters.mavlink.vehicle.modes import MODES
+from uwserver_adapters.mavlink.vehicle.modes import CAPABILITIES, MODES
 
 pytest.importorskip("pymavlink", reason="pymavlink is not installed")
 from uwserver_adapters.mavlink.wire.dialect import Dialect, Entry

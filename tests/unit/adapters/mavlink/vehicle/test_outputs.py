@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from uwserver_adapters.mavlink.vehicle.payload import Payload
+from uwserver_adapters.mavlink.vehicle.outputs import Payload
 
 from uwserver.ports import Field, Port
 from uwserver.testing import FakeContext

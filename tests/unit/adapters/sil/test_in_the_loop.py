@@ -59,12 +59,12 @@ def test_the_world_is_told_what_the_autopilot_reads(adapter_class) -> None:
     ]
     context = FakeContext(ports={port.path: port for port in (*PORTS, *truth)})
 
-    async def look() -> None:
+    async def refresh_matching() -> None:
         async with running(adapter_class, context, port=0, truth=True):
             assert context.subscriptions == {"rov/imu", "rov/truth/pose", "rov/truth/velocity"}
             assert [list(subscriber.subscriptions) for subscriber in context.subscribers] == [[]]
 
-    asyncio.run(look())
+    asyncio.run(refresh_matching())
     assert context.subscriptions == frozenset()
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from uwserver_adapters.mavlink.links.routes import ROUTES, Routes
+from uwserver_adapters.mavlink.links.router import ROUTES, Routes
 
 
 def test_broadcasts_go_to_all_others_unaltered(bench):

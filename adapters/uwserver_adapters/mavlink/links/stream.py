@@ -1,4 +1,4 @@
-"""TCP links: one that listens, and one that connects to a peer again and again."""
+"""Links by streams of bytes: a TCP listener, a TCP connection that is made again and again, and a serial line or pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import math
 
-from uwserver.adapter import Connection, Peers, serve_tcp, within
+from uwserver.adapter import Connection, Peers, SerialPort, serve_tcp, within
 from uwserver.ports import Fault
 from uwserver_adapters.mavlink.links.endpoint import PORT_KEY, READY, RETRY_S, RIVAL, WAITING, Address, Link, shown
 from uwserver_adapters.mavlink.links.router import Router
@@ -125,3 +125,37 @@ class TcpOut(Link):
             self._task.cancel()
         for peer in self._peers:
             peer.abort()
+
+
+class SerialLink(Link):
+    """A device that may come and go. Opening it is tried again and again.
+
+    Args:
+        path: path of the device.
+        router: the router of the vehicle.
+    """
+
+    def __init__(self, path: str, router: Router) -> None:
+        super().__init__(f"serial:{path}", router)
+        self._channel: Channel | None = None
+        self._port = SerialPort(path, router.context, opened=self._opened, received=self._received, closed=self._closed)
+
+    async def attend(self) -> None:
+        """Open the device if it is not open."""
+        self._port.attend()
+
+    async def close(self) -> None:
+        """Close the device."""
+        self._port.close()
+
+    def _opened(self) -> None:
+        self._channel = self._router.open(self.address, self._port.write, lambda: self._port.waiting < READY // 4)
+
+    def _received(self, data: bytes) -> None:
+        if self._channel is not None:
+            self._router.receive(self._channel, data)
+
+    def _closed(self) -> None:
+        if self._channel is not None:
+            self._router.close(self._channel)
+            self._channel = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from uwserver_adapters.mavlink.vehicle.wording import in_words_of_mavlink
+from uwserver_adapters.mavlink.vehicle.modes import in_words_of_mavlink
 
 ARM = "choose another mode, or arm with force = true"
 
