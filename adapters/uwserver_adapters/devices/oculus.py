@@ -21,7 +21,7 @@ from uwserver.ports import Buffer, Progress, Refused, Sample
 from uwserver.ports import Reply as Answer
 from uwserver.table import Name, Positive
 from uwserver_adapters.devices.codec import NANOSECONDS, deg
-from uwserver_adapters.devices.device import BinaryReader, DeviceTable, Garbage, Reply, Report, DeviceInput
+from uwserver_adapters.devices.device import BinaryReader, DeviceInput, DeviceTable, Garbage, Reply, Report
 
 HEAD = struct.Struct("<HHHHHIH")
 CHECK = 0x4F53
@@ -42,7 +42,7 @@ _STATUS = struct.Struct("<IHHI6I4s4s4s6s9d")
 
 
 @dataclass(frozen=True)
-class Message:
+class OculusMessage:
     """Any message; its payload is not parsed."""
 
     number: int
@@ -109,7 +109,7 @@ class Ping(Struct, frozen=True):
     rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-def encode(message: Message) -> bytes:
+def encode(message: OculusMessage) -> bytes:
     """Return the bytes of a message."""
     head = HEAD.pack(
         CHECK, message.source, message.destination, message.number, message.version, len(message.payload), 0
@@ -171,12 +171,12 @@ def status(device: int, part: int, address: bytes, is_pinging: bool) -> bytes:
     return encode(OculusMessage(0, body, 0, device))
 
 
-class MessageReader(BinaryReader[Message]):
+class OculusReader(BinaryReader[OculusMessage]):
     """Splits a stream into messages."""
 
     mark, noun = MARK, "message of the Oculus protocol"
 
-    def parse(self, buffer: bytearray) -> tuple[int, Message | Garbage | None]:
+    def parse(self, buffer: bytearray) -> tuple[int, OculusMessage | Garbage | None]:
         """Read the message at the start of the buffer."""
         if len(buffer) < HEAD.size:
             return 0, None
@@ -249,9 +249,9 @@ class Oculus:
         self._pinged_ns = self._told_ns = -1
         self._rpy_deg = (0.0, 0.0, 0.0)
 
-    def reader(self) -> MessageReader:
+    def reader(self) -> OculusReader:
         """Return a reader of messages."""
-        return MessageReader()
+        return OculusReader()
 
     def reset(self) -> None:
         """Start again at another time; the last fire message stays."""
@@ -259,7 +259,7 @@ class Oculus:
 
     # -- requests -------------------------------------------------------------------------------------------------------------------
 
-    def take(self, message: Message, reply: Reply) -> str:
+    def take(self, message: OculusMessage, reply: Reply) -> str:
         """Carry out a message of a client. The protocol has no answers: each ping result repeats the fire message that it obeys."""
         if message.number == DUMMY:
             return ""
@@ -319,7 +319,7 @@ class Oculus:
             part = MODELS[self._table.model][0]
             said.append(Report(status(self._table.device_id, part, self._address, is_pinging), True))
             if not is_pinging:
-                said.append(Report(encode(Message(DUMMY, source=self._table.device_id)), False))
+                said.append(Report(encode(OculusMessage(DUMMY, source=self._table.device_id)), False))
         if is_pinging and self._is_due(sample.t_ns):
             said += self._ping(sample)
         return said

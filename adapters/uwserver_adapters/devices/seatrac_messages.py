@@ -18,7 +18,7 @@ from uwserver.frames import Quat, Vec3, rotate, rpy_from_quat
 from uwserver.ports import Buffer, Progress, Refused, Sample
 from uwserver.ports import Reply as Answer
 from uwserver_adapters.devices.codec import FULL_TURN_DEG, deg
-from uwserver_adapters.devices.device import Garbage, Reply, Source
+from uwserver_adapters.devices.device import DeviceInput, Garbage, Reply
 
 LINE_LIMIT = 1024
 """Longest line of a peer, bytes. The settings of a beacon take some 400."""
@@ -206,7 +206,7 @@ class Datagrams:
         context: of the adapter.
 
     Attributes:
-        wanted: path of the port where the modem receives.
+        subscriptions: path of the port where the modem receives.
 
     Raises:
         CannotServe: there is no such modem.
@@ -215,18 +215,18 @@ class Datagrams:
     def __init__(self, own: int, modem: str, context: AdapterContext) -> None:
         self._own, self._context = own, context
         fields = ("event", "source", "destination", "data", "range", "bearing", "elevation")
-        self._heard = Source("modem", f"{modem}/received", context.ports, fields)
+        self._heard = DeviceInput("modem", f"{modem}/received", context.ports, fields)
         self._port = f"{modem}/send"
         if self._port not in context.ports:
             raise CannotServe(f'modem: there is no port "{self._port}": name a modem, without /send')
-        self.wanted: Collection[str] = (self._heard.path,)
+        self.subscriptions: Collection[str] = (self._heard.path,)
 
     def send(self, payload: bytes, reply: Reply) -> str:
         """Carry out DAT_SEND: beacon, kind of message, length, data. The answer comes once the modem has taken or refused it."""
         destination = payload[0] if payload else 0
 
         def tell(code: int) -> None:
-            reply(encode(Message(DAT_SEND, bytes((code, destination)))))
+            reply(encode(SeaTracMessage(DAT_SEND, bytes((code, destination)))))
 
         reason, code = self._fault(payload)
         if code != OK:
@@ -272,7 +272,7 @@ class Datagrams:
             return []
         said = cast(dict[str, Any], self._heard.values(sample))
         if said["event"] == "failed":
-            return [encode(Message(DAT_ERROR, bytes((TIMED_OUT, said["destination"] & 0xFF))))]
+            return [encode(SeaTracMessage(DAT_ERROR, bytes((TIMED_OUT, said["destination"] & 0xFF))))]
         is_answer = said["event"] == "delivered"
         other = (said["destination"] if is_answer else said["source"]) & 0xFF
         data = said["data"].data[:LONGEST] if isinstance(said["data"], Buffer) and not is_answer else b""
@@ -283,7 +283,7 @@ class Datagrams:
             kind = ONE_WAY_USBL
         addressed = self._own if is_answer else said["destination"] & 0xFF
         record = fix(addressed, other, kind, local, found)
-        return [encode(Message(DAT_RECEIVE, record + bytes((is_answer, len(data))) + data + b"\x01"))]
+        return [encode(SeaTracMessage(DAT_RECEIVE, record + bytes((is_answer, len(data))) + data + b"\x01"))]
 
     def _found(self, said: dict[str, Any], local: Local) -> Found:
         reach, bearing, elevation = said["range"], said["bearing"], said["elevation"] or 0.0

@@ -40,14 +40,14 @@ _FROM_NED: Mapping[int, Quat] = {ENU: (0.0, _HALF, _HALF, 0.0), NWU: _FLIP}
 
 
 @dataclass(frozen=True)
-class Message:
+class XbusMessage:
     """Any message; its data are not parsed."""
 
     number: int
     data: bytes = b""
 
 
-def encode(message: Message) -> bytes:
+def encode(message: XbusMessage) -> bytes:
     """Return the bytes of a message."""
     size = len(message.data)
     length = bytes((size,)) if size < EXTENDED else bytes((EXTENDED,)) + size.to_bytes(2, "big")
@@ -55,12 +55,12 @@ def encode(message: Message) -> bytes:
     return bytes((PREAMBLE,)) + body + bytes((-sum(body) & 0xFF,))
 
 
-class MessageReader(BinaryReader[Message]):
+class XbusReader(BinaryReader[XbusMessage]):
     """Splits a stream into messages."""
 
     mark, noun = bytes((PREAMBLE,)), "message of the Xbus protocol"
 
-    def parse(self, buffer: bytearray) -> tuple[int, Message | Garbage | None]:
+    def parse(self, buffer: bytearray) -> tuple[int, XbusMessage | Garbage | None]:
         """Read the message at the start of the buffer."""
         if len(buffer) < 4 or (buffer[3] == EXTENDED and len(buffer) < 6):
             return 0, None
@@ -214,22 +214,22 @@ class Xsens(InertialDevice):
             OUTPUT_CONFIGURATION: self._configure,
         }
 
-    def reader(self) -> MessageReader:
+    def reader(self) -> XbusReader:
         """Return a reader of messages."""
-        return MessageReader()
+        return XbusReader()
 
     # -- requests -------------------------------------------------------------------------------------------------------------------
 
-    def take(self, message: Message, reply: Reply) -> str:
+    def take(self, message: XbusMessage, reply: Reply) -> str:
         """Answer a request: by the message of the next number, or by an error."""
         answer = self._answers.get(message.number)
         if answer is None:
-            reply(encode(Message(ERROR, bytes((INVALID_MESSAGE,)))))
+            reply(encode(XbusMessage(ERROR, bytes((INVALID_MESSAGE,)))))
             return f"message 0x{message.number:02X} is not simulated"
         try:
             data = answer(message.data)
         except ValueError as error:
-            reply(encode(Message(ERROR, bytes((INVALID_PARAMETER,)))))
+            reply(encode(XbusMessage(ERROR, bytes((INVALID_PARAMETER,)))))
             return f"message 0x{message.number:02X}: {error}"
         reply(encode(XbusMessage(message.number + 1, data)))
         return ""
@@ -276,4 +276,4 @@ class Xsens(InertialDevice):
             return []
         self._count += 1
         data = b"".join(item(number, readings, self._count) for number in told)
-        return [encode(Message(MT_DATA_2, data))]
+        return [encode(XbusMessage(MT_DATA_2, data))]

@@ -48,12 +48,12 @@ class _Key:
         self.is_heard = False
         # The callback only sets a flag, so zenoh may call it on its own thread.
         self._listener = self._publisher.declare_matching_listener(direct(self._matches))
-        self.look()
+        self.refresh_matching()
 
     def _matches(self, status: zenoh.MatchingStatus) -> None:
         self.is_heard = status.matching
 
-    def look(self) -> None:
+    def refresh_matching(self) -> None:
         """Ask zenoh whether somebody subscribes, because the listener hears it a little later. Never clears what the listener has set."""
         status: Any = self._publisher.matching_status  # zenoh's stub declares a bool, but it is a MatchingStatus
         if status.matching:
@@ -82,11 +82,11 @@ class JsonKeys:
         self._below = _Key(session, "mavlink/*/*/**")  # matches a subscriber to any message or field
         self._keys: dict[str, _Key] = {}
 
-    def look(self) -> None:
+    def refresh_matching(self) -> None:
         """Look for subscribers that zenoh has not reported yet."""
         for key in (self._out, self._below):
             if not key.is_heard:
-                key.look()
+                key.refresh_matching()
 
     def put(self, frame: bytes) -> None:
         """Publish a frame if somebody subscribes."""

@@ -19,9 +19,9 @@ from uwserver_adapters.devices import DevicesAdapter
 from uwserver_adapters.devices.device import Garbage, Report
 from uwserver_adapters.devices.oculus import (
     Fire,
+    Oculus,
     OculusMessage,
     OculusReader,
-    Oculus,
     OculusTable,
     Ping,
     encode,
@@ -53,7 +53,7 @@ PICTURE = bytes(range(12))
 
 
 def test_bytes_both_ways():
-    check_codec(MessageReader, CASES, need_data=None, garbage=GARBAGE)
+    check_codec(OculusReader, CASES, need_data=None, garbage=GARBAGE)
 
 
 @pytest.mark.parametrize("junk", [b"hello", b"SO" + b"\xff" * 40, b"\xff" * 300])

@@ -123,7 +123,7 @@ def make() -> tuple[SeaTrac, FakeContext]:
 
 
 def send(*payload: int, data: bytes = b"") -> bytes:
-    return encode(Message(0x60, bytes(payload) + data), b"#")
+    return encode(SeaTracMessage(0x60, bytes(payload) + data), b"#")
 
 
 def heard(device: SeaTrac, *value: Any) -> bytes:
@@ -137,7 +137,7 @@ def test_a_datagram_goes_to_the_modem_and_is_acknowledged_when_it_took_it():
         device, context = make()
         replies, bad = ask(device, send(2, 2, 5, data=b"hello"))
         await asyncio.sleep(0.01)
-        assert (replies, bad) == ([encode(Message(0x60, b"\x00\x02"))], [])
+        assert (replies, bad) == ([encode(SeaTracMessage(0x60, b"\x00\x02"))], [])
         (command,) = context.commands
         assert command.port == "rov/modem/send"
         assert command.value == ((2.0,), Buffer(data=b"hello"), (1.0,))
@@ -158,7 +158,7 @@ def test_what_the_modem_refuses_is_told(code: Any, text: str, told: int):
         replies, _ = ask(device, send(2, 0, 1, data=b"x"))
         assert replies == []
         context.calls[0].finish(Answer(0, 0, fault=Fault(code, text)))
-        assert replies == [encode(Message(0x60, bytes((told, 2))))]
+        assert replies == [encode(SeaTracMessage(0x60, bytes((told, 2))))]
 
     asyncio.run(scene())
 

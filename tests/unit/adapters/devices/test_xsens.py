@@ -16,8 +16,8 @@ from uwserver_adapters.devices.xsens import (
     ENU,
     FACTORY,
     NWU,
-    OculusMessage,
-    OculusReader,
+    XbusMessage,
+    XbusReader,
     Xsens,
     XsensTable,
     encode,
@@ -63,7 +63,7 @@ GARBAGE = (
 
 
 def test_bytes_both_ways():
-    check_codec(MessageReader, CASES, need_data=None, garbage=GARBAGE)
+    check_codec(XbusReader, CASES, need_data=None, garbage=GARBAGE)
 
 
 @pytest.mark.parametrize("junk", [junk for junk in GARBAGE if junk != b"\xfa"])
