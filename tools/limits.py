@@ -48,9 +48,9 @@ from uwserver_adapters.yarp.config import YarpConfig
 from uwserver.adapter import accepting, bounds, connection, conversation, peers, refusals
 from uwserver.recording import reading, recorder
 from uwserver.scenario.files import documents, locate
-from uwserver.scenario.load import counts, scenario
+from uwserver.scenario.load import checks, scenario
 from uwserver.scenario.load.tables import Server
-from uwserver.scenario.solids import archive, bathymetry, memory, mesh_checks
+from uwserver.scenario.solids import archive, assets, bathymetry, memory
 from uwserver.server import http, life_cycle, profiling, recordings, state_files
 from uwserver.simulation import bus, intake, thread, turns
 from uwserver.units import NANOSECONDS
@@ -103,13 +103,13 @@ def _files() -> Iterator[Row]:
     yield "any file", "must be a plain file: no folder, pipe, device or socket", refused
     yield "scenario, vehicle or device (TOML), Python extension", _bytes(documents.MOST_BYTES), refused
     yield "parts of a dotted key or header", str(locate.MOST_PARTS), refused
-    yield "vehicles, copies counted, and objects", str(counts.MOST_BODIES), refused + "; `world/spawn`: `busy`"
-    yield "structures", str(counts.MOST_STRUCTURES), refused
-    yield "sensors, their streams and modifiers, actuators, of all vehicles", str(counts.MOST_COMPONENTS), refused
+    yield "vehicles, copies counted, and objects", str(checks.MOST_BODIES), refused + "; `world/spawn`: `busy`"
+    yield "structures", str(checks.MOST_STRUCTURES), refused
+    yield "sensors, their streams and modifiers, actuators, of all vehicles", str(checks.MOST_COMPONENTS), refused
     yield "mistakes that are reported", str(scenario.MOST_PROBLEMS), "the rest is not checked"
     yield "extensions", "must be in the scenario's folder or below, links followed", "not run"
-    yield "mesh (STL, OBJ, PLY, glTF with all its files)", _bytes(mesh_checks.MOST_BYTES), refused
-    yield "triangles of a mesh", f"{mesh_checks.MOST_TRIANGLES}", refused
+    yield "mesh (STL, OBJ, PLY, glTF with all its files)", _bytes(assets.MOST_BYTES), refused
+    yield "triangles of a mesh", f"{assets.MOST_TRIANGLES}", refused
     yield (
         "points of a grid, after `extent_m`; points of an axis, or of a chunk, of NetCDF 4",
         f"{bathymetry.MOST_POINTS}",
@@ -291,7 +291,7 @@ def _ros() -> Iterator[Row]:
     yield "parameters of one request", str(ros_parameters.AT_ONCE), "the rest is refused, each with a reason"
     yield (
         "entities: vehicles, copies counted, and objects",
-        str(counts.MOST_BODIES),
+        str(checks.MOST_BODIES),
         "refused, with a result that says so",
     )
 

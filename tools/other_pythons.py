@@ -78,7 +78,7 @@ for name in modules:
 assert len(modules) > 700 and len(without) < 20, (len(modules), without)
 
 import uwserver
-from uwserver.scenario.authoring.json_schema import FILES, json_schema
+from uwserver.scenario.authoring.catalogue import FILES, json_schema
 for kind in FILES:
     made = pathlib.Path(uwserver.__file__).with_name("schemas") / f"{{kind}}.schema.json"
     # From 3.13 on docstrings begin at the margin.

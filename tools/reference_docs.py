@@ -17,6 +17,7 @@ from typing import Any, get_args
 import msgspec
 from limits import limits_page
 from msgspec import NODEFAULT, UNSET
+from uwserver.scenario.water import tables as water_tables
 
 from uwserver.actuators import ActuatorConfig
 from uwserver.adapter import AdapterTable, installed_adapters
@@ -26,8 +27,7 @@ from uwserver.environment.currents import CurrentConfig
 from uwserver.environment.waves import WavesConfig
 from uwserver.modifiers import ModifierConfig
 from uwserver.ports import Field, Port, Service
-from uwserver.scenario.authoring.catalogue import keys_of, sensor_kinds
-from uwserver.scenario.authoring.json_schema import FILES, json_schema
+from uwserver.scenario.authoring.catalogue import FILES, json_schema, keys_of, sensor_kinds
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.documents import shipped
 from uwserver.scenario.load import tables as scenario_tables
@@ -36,7 +36,6 @@ from uwserver.scenario.solids import tables as solid_tables
 from uwserver.scenario.vehicle import appendage_tables, entry
 from uwserver.scenario.vehicle import tables as vehicle_tables
 from uwserver.scenario.vehicle.appendage_tables import Status
-from uwserver.scenario.water import tables as water_tables
 from uwserver.scenario.world import tables as world_tables
 from uwserver.sensors import SensorConfig
 from uwserver.server.context import LOOP_SERVICES

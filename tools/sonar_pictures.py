@@ -25,7 +25,7 @@ from uwserver.physics.rays.casting import Rays
 from uwserver.physics.rays.raycast import Geometry
 from uwserver.ports import Buffer
 from uwserver.scenario.files.documents import read, shipped
-from uwserver.scenario.vehicle.profiles import check_profile
+from uwserver.scenario.vehicle.devices import check_profile
 from uwserver.sensors import (
     AcousticModemConfig,
     AltimeterConfig,

@@ -35,7 +35,7 @@ from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.body import body_params
 from uwserver.scenario.vehicle.entry import VehicleEntry
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import Environment
 from uwserver.units import deg
 from uwserver.validation.oracle import build, load_oracle, run, validate
 

@@ -16,7 +16,7 @@ import made_of
 
 from uwserver.cli.vehicle_picture import vehicle_picture
 from uwserver.scenario.vehicle.body import body_params
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import Environment
 from uwserver.units import deg
 from uwserver.validation.manoeuvres.report import NONE_FOUND, Comparison, Report, markdown, report, resolve
 

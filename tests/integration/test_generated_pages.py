@@ -10,7 +10,7 @@ from types import FrameType, ModuleType, SimpleNamespace
 
 import pytest
 
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import Environment
 from uwserver.validation.manoeuvres import report as manoeuvres
 
 ROOT = Path(__file__).parents[2]

@@ -14,7 +14,7 @@ import pytest
 from uwserver.physics.dynamics.params import BodyParams, rigid_body_inertia
 from uwserver.scenario.vehicle.body import body_params
 from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import Environment
 
 sys.path.insert(0, str(Path(__file__).parent))
 

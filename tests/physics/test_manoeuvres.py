@@ -18,8 +18,7 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
-from uwserver.scenario.water.tables import Environment
-from uwserver.scenario.world.tables import WorldTable
+from uwserver.scenario.world.tables import Environment, WorldTable
 from uwserver.world import World
 
 DEPTH = 200.0

@@ -16,7 +16,7 @@ from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import Environment
 from uwserver.units import deg, rad
 from uwserver.validation.manoeuvres.helm import Helm, Sticks
 from uwserver.validation.manoeuvres.report import resolve

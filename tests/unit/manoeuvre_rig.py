@@ -8,7 +8,7 @@ import msgspec
 import tomli_w
 
 from uwserver.scenario.vehicle.body import body_params
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import Environment
 from uwserver.validation.manoeuvres.helm import Helm
 from uwserver.validation.manoeuvres.report import resolve
 

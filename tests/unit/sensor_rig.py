@@ -16,7 +16,7 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
-from uwserver.scenario.world.magnetic import magnetic_about
+from uwserver.scenario.world.earth import magnetic_about
 from uwserver.scenario.world.tables import WorldTable
 from uwserver.sensors import (
     BatteryConfig,

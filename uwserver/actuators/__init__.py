@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from uwserver.actuators.base import Actuator, ActuatorTable, Body, Devices, Given
 from uwserver.actuators.camera_mount import CameraMount, CameraMountConfig
-from uwserver.actuators.fin import FinConfig, FinsConfig
 from uwserver.actuators.force_torque import ForceTorqueConfig
 from uwserver.actuators.lamps import Lamps, LampsConfig
-from uwserver.actuators.servo import BallastConfig, MovingMassConfig, PropellerConfig
+from uwserver.actuators.servo import BallastConfig, FinConfig, FinsConfig, MovingMassConfig, PropellerConfig
 from uwserver.actuators.teleport import TeleportConfig
 from uwserver.actuators.thruster import ThrusterConfig, Thrusters, ThrustersConfig
 

@@ -13,7 +13,7 @@ from functools import partial
 
 from uwserver.adapter.contract import AdapterContext
 from uwserver.ports import Fault, Progress, Refused, Reply
-from uwserver.ports.stops import is_stop
+from uwserver.ports.crossing import is_stop
 
 UNANSWERED = 1024
 """Commands and calls that may wait for the world."""

@@ -12,10 +12,10 @@ from uwserver.physics.geometry.shapes import BadSolid
 from uwserver.ports.checks import suggestion
 from uwserver.scenario.authoring.hull import mesh_hull
 from uwserver.scenario.authoring.morse_script import LONGEST, NoScript, scenario_from
-from uwserver.scenario.authoring.starter import starter
-from uwserver.scenario.authoring.vehicle_starter import vehicle_starter
+from uwserver.scenario.authoring.starter import starter, vehicle_starter
 from uwserver.scenario.files.convert import NAME
-from uwserver.scenario.files.documents import find, label_of, shipped
+from uwserver.scenario.files.documents import find, shipped
+from uwserver.scenario.files.errors import label_of
 
 _FOLDERS = {"scenario": "", "vehicle": "vehicles", "device": "devices"}
 _DEFAULT = "bluerov2_heavy"

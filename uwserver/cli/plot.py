@@ -20,7 +20,7 @@ from uwserver.recording.channels import message_of
 from uwserver.recording.report.reading import fields_of
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.vehicle.body import body_params
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import Environment
 from uwserver.units import NANOSECONDS
 from uwserver.validation.manoeuvres.report import resolve
 

@@ -17,8 +17,15 @@ from uwserver.cli.own_hull import facing_their_hull
 from uwserver.cli.pace import hasty, late
 from uwserver.cli.vehicle_parts import parts_of
 from uwserver.modifiers import ModifierConfig
-from uwserver.scenario.authoring.catalogue import SensorKind, first_sentence, keys_of, modifier_kinds, sensor_kinds
-from uwserver.scenario.authoring.json_schema import FileKind, json_schema
+from uwserver.scenario.authoring.catalogue import (
+    FileKind,
+    SensorKind,
+    first_sentence,
+    json_schema,
+    keys_of,
+    modifier_kinds,
+    sensor_kinds,
+)
 from uwserver.scenario.files.convert import kinds_of
 from uwserver.scenario.files.documents import read, shipped
 from uwserver.scenario.files.errors import Problem, ScenarioError, Severity, suggestion

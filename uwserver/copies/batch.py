@@ -8,13 +8,11 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from uwserver.copies.admission import draws_in_python, measured_of
 from uwserver.copies.commands import Commands
-from uwserver.copies.copy import Copy
-from uwserver.copies.description import described
-from uwserver.copies.memory import Memory
+from uwserver.copies.copy import Copy, Memory
 from uwserver.copies.parameters import Parameters
-from uwserver.copies.readings import Readings
+from uwserver.copies.readings import Readings, described
+from uwserver.copies.start import draws_in_python, measured_of
 from uwserver.copies.steps import Steps
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.layout import STATE_SIZE

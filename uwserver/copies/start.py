@@ -1,18 +1,28 @@
-"""Makes a batch from a resolved scenario."""
+"""Makes a batch from a resolved scenario.
+
+It decides which scenarios can be copied, and which sensors measure in the copies. What a batch cannot do is refused by its name.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from uwserver.copies.admission import check
+from uwserver.autopilot.status import StateSensor
 from uwserver.copies.batch import Batch
-from uwserver.copies.ranges import threads_for
+from uwserver.copies.steps import threads_for
 from uwserver.ports import Refused
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.load.scenario import DEFAULT_ADAPTER
+from uwserver.sensors.bank import BankSensor
+from uwserver.sensors.base import IdealSensor, Sensor
+from uwserver.sensors.modem import Modem
 from uwserver.world.builds import prepare, progress
+from uwserver.world.piloting import Piloting
+from uwserver.world.sensor_slot import SensorSlot
+from uwserver.world.world import World
 
 
 def begin(
@@ -44,3 +54,92 @@ def begin(
     check(resolved, world)
     prepare({"copies"}, progress())
     return Batch(partial(build, resolved, like=world), numbers, sensors, parameters, count)
+
+
+def check(resolved: Resolved, world: World) -> None:
+    """Refuse a scenario whose copies would not act as its world does.
+
+    Args:
+        resolved: the scenario.
+        world: a world that was built from it.
+
+    Raises:
+        Refused: it has pictures, modems, extensions, or adapters that do more than let clients in; the text names all of them.
+    """
+    faults = [
+        (what, names)
+        for what, names in (
+            ("pictures, which take time", [path for path, slot in world.sensors.items() if slot.sensor.takes_time]),
+            (
+                "modems, whose messages cannot be read",
+                [p for p, s in world.sensors.items() if isinstance(s.sensor, Modem)],
+            ),
+            ("adapters, which a batch does not run", list(_adapters(resolved))),
+            ("extensions, which act in a single world only", list(_extensions(world))),
+        )
+        if names
+    ]
+    if faults:
+        text = "; ".join(f"{what}: {', '.join(names)}" for what, names in faults)
+        raise Refused("denied", f"{resolved.name} cannot be copied: it has {text}. Take them out of the scenario.")
+
+
+def measured_of(world: World, sensors: Collection[str] | None) -> tuple[str, ...]:
+    """Return the paths of the sensors that measure in the copies of a world.
+
+    Args:
+        world: one of the copies.
+        sensors: the sensors that the caller wants; None for all except those that show the state of an autopilot, which is mostly text.
+    """
+    pilots = [part.pilot for part in world.parts.values() if isinstance(part, Piloting)]
+    heard = {port for pilot in pilots for port in (*pilot.craft.hearing.ports, *pilot.craft.hearing.in_words)}
+    found = {
+        path
+        for path, slot in world.sensors.items()
+        if _acts(slot, heard) or (path in sensors if sensors is not None else not isinstance(slot.sensor, StateSensor))
+    }
+    left = [*found]
+    while left:
+        path = left.pop()
+        vehicle = path.partition("/")[0]
+        needed = {f"{vehicle}/{name}" for name in world.sensors[path].sensor.needs} - found
+        found |= needed
+        left += needed
+    return tuple(path for path in world.sensors if path in found)
+
+
+def draws_in_python(sensor: Sensor) -> bool:
+    """Return whether a sensor draws its own random errors in Python."""
+    return not (isinstance(sensor, BankSensor | IdealSensor | StateSensor) or sensor.repeats)
+
+
+def _acts(slot: SensorSlot, heard: Collection[str]) -> bool:
+    """Return whether the readings of a sensor affect the run: a battery supplies the thrusters, and autopilots use readings."""
+    return slot.sensor.supplies or any(stream.port.path in heard for stream in slot.streams)
+
+
+def _adapters(resolved: Resolved) -> Iterator[str]:
+    """Yield all adapters except the kinds that a scenario gets by default. Those only let clients in, and no client can reach this process."""
+    for name, config in resolved.scenario.adapters.items():
+        kind = config.__struct_config__.tag
+        if kind not in (DEFAULT_ADAPTER, "web"):
+            yield f"adapters.{name} ({kind})"
+
+
+def _extensions(world: World) -> Iterator[str]:
+    for path, slot in world.sensors.items():
+        if _is_foreign(slot.sensor):
+            yield f"{path} ({slot.port.kind})"
+        for stream in slot.streams:
+            if any(_is_foreign(modifier) for modifier in stream.modifiers):
+                yield f"{stream.port.path} (a modifier)"
+    for path, actuator in world.actuators.items():
+        if _is_foreign(actuator.actuator):
+            yield f"{path} ({actuator.port.kind})"
+    for part in world.parts.values():
+        if _is_foreign(part):
+            yield part.path
+
+
+def _is_foreign(thing: object) -> bool:
+    return not type(thing).__module__.startswith("uwserver.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from uwserver.ports.buffer import Buffer, Layout, binary_form
+from uwserver.ports.crossing import is_stop
 from uwserver.ports.scene import (
     ACHIEVED_FULL,
     NOWHERE_M,
@@ -25,7 +26,6 @@ from uwserver.ports.scene import (
     WaterView,
     WaveView,
 )
-from uwserver.ports.stops import is_stop
 from uwserver.ports.values import (
     Argument,
     Call,

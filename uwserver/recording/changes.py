@@ -22,17 +22,15 @@ from uwserver.ports import Call, Refused
 from uwserver.ports.checks import checked_args, find
 from uwserver.scenario.files.convert import Converter, More, fields
 from uwserver.scenario.files.errors import KeyPath, dotted, suggestion
-from uwserver.scenario.load.checks import check_scenario
-from uwserver.scenario.load.fault_checks import check_faults
+from uwserver.scenario.load.checks import check_faults, check_scenario
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.solids.archive import pack, unpack
 from uwserver.scenario.solids.shapes import Materials, seabed_solid
 from uwserver.scenario.solids.tables import FlatSeabed
-from uwserver.scenario.vehicle.autopilot_checks import check_autopilot
-from uwserver.scenario.vehicle.checks import check_vehicle
+from uwserver.scenario.vehicle.checks import check_autopilot, check_vehicle
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
-from uwserver.scenario.water.sea import water_of
+from uwserver.scenario.world.sea import water_of
 from uwserver.world.world import World
 
 if sys.version_info >= (3, 11):

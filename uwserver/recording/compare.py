@@ -24,7 +24,7 @@ from uwserver.recording.channels import Described, described
 from uwserver.recording.differences import Pairing, Timed
 from uwserver.recording.format import EVENTS, HASHES, StateHash
 from uwserver.recording.reading import MOST_RECORD_BYTES, NotReplayable, Reading
-from uwserver.scenario.files.opening import opened
+from uwserver.scenario.files.documents import opened
 
 PAIR_EVERY = 512
 """Number of messages between two rounds of pairing."""

@@ -36,7 +36,7 @@ from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.scene.scenery import still_water_view
-from uwserver.scenario.water.sea import water_of
+from uwserver.scenario.world.sea import water_of
 from uwserver.simulation.clock import Timing
 from uwserver.units import NANOSECONDS
 from uwserver.world.external.track import MAX_GAP_S, PoseTrack

@@ -19,7 +19,7 @@ from uwserver.logfiles.mcap_records import MAGIC
 from uwserver.logfiles.part_files import MissingPart, parts_of_run
 from uwserver.recording.format import HASHES, METADATA, REQUESTS, Request, StateHash
 from uwserver.recording.parts import STATE, begins_with_state
-from uwserver.scenario.files.opening import opened
+from uwserver.scenario.files.documents import opened
 
 MOST_RECORD_BYTES = 1 << 30
 """Largest record of a file. The largest one is the scenario, which may contain a large seabed."""

@@ -17,8 +17,7 @@ from uwserver.scenario.load.scenario import scenario_tree
 from uwserver.scenario.load.tables import Scenario, Server
 from uwserver.scenario.solids.tables import ObjectEntry, Seabed, Structure
 from uwserver.scenario.vehicle.entry import VehicleEntry
-from uwserver.scenario.water.tables import Current, Environment
-from uwserver.scenario.world.tables import Clock, WorldTable
+from uwserver.scenario.world.tables import Clock, Current, Environment, WorldTable
 from uwserver.sensors import SensorConfig, StreamTable
 from uwserver.sensors.truth import Truth
 from uwserver.world.faults import FaultConfig

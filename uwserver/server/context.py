@@ -29,7 +29,7 @@ from uwserver.ports import (
     matching,
 )
 from uwserver.ports.checks import checked_args, checked_command, find
-from uwserver.ports.stops import is_stop
+from uwserver.ports.crossing import is_stop
 from uwserver.recording.player import Player
 from uwserver.scenario.scene.scenery import Scenery
 from uwserver.server.profiling import PROFILE, Profiling

@@ -9,8 +9,7 @@ import msgspec
 import numpy as np
 
 from uwserver.ports import Buffer, Call, Command, Field, OnReply
-from uwserver.ports.crossing import Posted
-from uwserver.ports.stops import is_withdrawn
+from uwserver.ports.crossing import Posted, is_withdrawn
 from uwserver.simulation.fair_queue import FairQueue
 
 _OF_OBJECTS = 4

@@ -11,8 +11,7 @@ from typing import Literal
 
 from uwserver.logs import place_of
 from uwserver.ports import Call, Event, Json, OnReply, Progress, Refused, Reply
-from uwserver.ports.crossing import Posted, TickOutput
-from uwserver.ports.stops import PAUSE
+from uwserver.ports.crossing import PAUSE, Posted, TickOutput
 from uwserver.simulation.bus import MAX_TICKS, Bus
 from uwserver.simulation.clock import Pace, Time, Timing
 from uwserver.simulation.goal import Goal, Goals

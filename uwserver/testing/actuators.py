@@ -10,7 +10,7 @@ from msgspec import msgpack
 from uwserver.actuators import Actuator, ActuatorTable, Body, Given
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.params import BodyParams
-from uwserver.scenario.vehicle.actuator_checks import check_memory
+from uwserver.scenario.vehicle.component_checks import check_memory
 from uwserver.testing.sensors import check_fields
 
 _ROWS = ("state", "bodies", "thrusters", "wrenches", "servos")

@@ -18,7 +18,7 @@ from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.body import body_params
 from uwserver.scenario.vehicle.entry import VehicleEntry
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import Environment
 from uwserver_bench.proofs.motion import DEEP, record
 
 RHO, G, LENGTH, DIAMETER = 1026.0, 9.81, 1.6, 0.19

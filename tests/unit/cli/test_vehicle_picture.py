@@ -10,7 +10,7 @@ from manoeuvre_rig import FINS, ROV, TORPEDO, vehicle, written
 
 from uwserver.cli import main
 from uwserver.scenario.vehicle.body import body_params
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import Environment
 from uwserver.validation.manoeuvres.report import resolve
 
 

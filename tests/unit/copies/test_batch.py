@@ -1,6 +1,6 @@
 """Copies of a world: each is bit by bit what `uwserver.load` gives, whatever the others do.
 
-Also of uwserver.copies.description, uwserver.copies.readings, uwserver.copies.start and uwserver.step.many.
+Also of uwserver.copies.readings, uwserver.copies.readings, uwserver.copies.start and uwserver.step.many.
 """
 
 import numpy as np

@@ -13,7 +13,7 @@ from sensor_rig import (
 
 from uwserver.environment.earth import EARTH_RATE, GRAVITY_GROWTH, Earth, normal_gravity, turns_of_level
 from uwserver.environment.geodesy import latitude_longitude
-from uwserver.scenario.world.magnetic import magnetic_about
+from uwserver.scenario.world.earth import magnetic_about
 from uwserver.units import deg, rad
 
 

@@ -13,7 +13,7 @@ from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario, Server
 from uwserver.scenario.vehicle.entry import VehicleEntry
-from uwserver.scenario.water.tables import Current, Environment
+from uwserver.scenario.world.tables import Current, Environment
 from uwserver.sensors import MotionCaptureConfig, PressureConfig
 from uwserver.world import snapshot
 

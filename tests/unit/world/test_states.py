@@ -20,7 +20,7 @@ import uwserver
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.ports import Refused
 from uwserver.scenario.files.documents import shipped
-from uwserver.scenario.load.counts import MOST_BODIES
+from uwserver.scenario.load.checks import MOST_BODIES
 from uwserver.world import snapshot
 from uwserver.world.world import Diverged, World
 

@@ -22,7 +22,7 @@ from uwserver.environment.geodesy import north_east
 from uwserver.recording.report.columns import FloatArray
 from uwserver.recording.report.reading import IntArray, Recorded, Series
 from uwserver.recording.report.truth import Mount, Truth, mount_of, rotations, small_angles
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import Environment
 from uwserver.sensors.motion.triad import HUMP
 from uwserver.units import STANDARD_ATMOSPHERE_PA, deg, rad
 

@@ -32,7 +32,7 @@ from uwserver.recording.reading import (
 )
 from uwserver.recording.report.columns import Column, FloatArray, columns_of
 from uwserver.recording.states import ENTITY_LISTS, STATES, EntityListRecord, read_state
-from uwserver.scenario.files.opening import opened
+from uwserver.scenario.files.documents import opened
 from uwserver.units import NANOSECONDS
 
 IntArray = npt.NDArray[np.int64]

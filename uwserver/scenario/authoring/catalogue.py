@@ -1,11 +1,16 @@
-"""Lists the kinds of sensor and modifier with their fields, units, frames, keys and devices, for `uwserver list` and the reference pages."""
+"""Lists the kinds of sensor and modifier with their fields, units, frames, keys and devices, and makes the JSON Schemas of all files.
+
+`uwserver list` and the reference pages show the kinds. Editors complete and check TOML by the schemas.
+"""
 
 from __future__ import annotations
 
 import inspect
+import json
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
+import msgspec
 from msgspec import NODEFAULT, UNSET, Struct
 
 from uwserver.modifiers import ModifierConfig
@@ -14,7 +19,10 @@ from uwserver.scenario.files.convert import Converter, fields, kinds_of
 from uwserver.scenario.files.documents import read, shipped
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load, scenario_tree
+from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.appendage_tables import Sourced
+from uwserver.scenario.vehicle.devices import SensorDevice
+from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.sensors import Pose, SensorConfig, SensorTable
 
 
@@ -128,3 +136,32 @@ def _plain(value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:g}" if isinstance(value, float) else str(list(value) if isinstance(value, tuple) else value)
+
+
+FileKind = Literal["scenario", "vehicle", "device"]
+FILES: dict[FileKind, type[msgspec.Struct]] = {"scenario": Scenario, "vehicle": VehicleFile, "device": ThrusterDevice}
+
+
+def json_schema(kind: FileKind) -> str:
+    """Return the schema as JSON text. It allows any keys in adapters, as these depend on what is installed."""
+    schema = _device_schema() if kind == "device" else msgspec.json.schema(FILES[kind])
+    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+
+
+def _device_schema() -> dict[str, Any]:
+    """Return the schema of device files: of thrusters, and of each kind of sensor, whose groups of properties have keys and their source."""
+    sensors = kinds_of(SensorConfig)
+    types = (ThrusterDevice, SensorDevice, Sourced, *sensors.values())
+    references, definitions = msgspec.json.schema_components(types, ref_template="#/$defs/{name}")
+    names = [reference["$ref"].rsplit("/", 1)[1] for reference in references]
+    device, sourced = definitions.pop(names[1]), definitions.pop(names[2])
+    files = [references[0]]
+    for (kind, struct), name in zip(sensors.items(), names[3:], strict=True):
+        keys = {key: value for key, value in definitions.pop(name)["properties"].items() if key != "kind"}
+        group = {**sourced, "title": "Properties", "properties": {**sourced["properties"], **keys}}
+        groups = {"type": "object", "additionalProperties": group}
+        properties = {**device["properties"], "kind": {"const": kind}, "properties": groups}
+        own_name = f"{struct.__name__}Device"
+        definitions[own_name] = {**device, "title": f"Device of kind {kind}", "properties": properties}
+        files.append({"$ref": f"#/$defs/{own_name}"})
+    return {"anyOf": files, "$defs": definitions}

@@ -32,7 +32,7 @@ from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import SHAPE_SPHERE
 from uwserver.ports import Port, Service
 from uwserver.scenario.load.resolved import ResolvedVehicle
-from uwserver.scenario.vehicle.autopilot_checks import commanded_tables
+from uwserver.scenario.vehicle.checks import commanded_tables
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import Pose, SensorConfig
 from uwserver.world.components import ActuatorSlot, SensorStream

@@ -14,10 +14,15 @@ from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.layout import NU, P, Q
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.ports.checks import shown
-from uwserver.scenario.build.external import external_member
-from uwserver.scenario.build.members import build_scene, object_member, survey_structures, vehicle_member
+from uwserver.scenario.build.members import (
+    build_scene,
+    external_member,
+    object_member,
+    survey_structures,
+    vehicle_member,
+)
 from uwserver.scenario.files.convert import NAME
-from uwserver.scenario.load.counts import MOST_BODIES
+from uwserver.scenario.load.checks import MOST_BODIES
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.solids.shapes import missing_engines
 from uwserver.scenario.solids.tables import ObjectEntry

@@ -15,9 +15,8 @@ from uwserver.scenario.load.export import identity
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.solids.tables import FlatSeabed
 from uwserver.scenario.vehicle.body import params_by_name
-from uwserver.scenario.water.sea import water_of
-from uwserver.scenario.world.epoch import instant, nanoseconds, year_of
-from uwserver.scenario.world.magnetic import magnetic_about
+from uwserver.scenario.world.earth import instant, magnetic_about, nanoseconds, year_of
+from uwserver.scenario.world.sea import water_of
 from uwserver.units import rad
 from uwserver.world.builds import prepare, progress
 from uwserver.world.faults import Faults, effects

@@ -12,8 +12,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Protocol, Union, get_arg
 import msgspec
 from msgspec.structs import FieldInfo
 
-from uwserver.scenario.files.errors import KeyPath, closest, did_you_mean, suggestion
-from uwserver.scenario.files.wording import expected, found
+from uwserver.scenario.files.errors import KeyPath, closest, did_you_mean, expected, found, suggestion
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 """Form of a table name, which becomes one level of a path on every wire."""

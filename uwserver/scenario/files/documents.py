@@ -1,20 +1,25 @@
-"""Finds, reads and parses scenario, vehicle and device files, and keeps the place of every key."""
+"""Finds, reads, parses and merges scenario, vehicle and device files, and keeps the place of every key.
+
+Files from outside are opened safely: only regular files, and only up to a given size.
+"""
 
 from __future__ import annotations
 
+import errno
 import os
 import re
+import stat
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
-from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, Severity, did_you_mean, dotted
+from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, Severity, did_you_mean, dotted, label_of
 from uwserver.scenario.files.locate import MOST_PARTS, Locations, locate, longest_key
-from uwserver.scenario.files.opening import NOT_PLAIN, is_plain, read_whole
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -163,16 +168,6 @@ def _shipped(folder: str) -> Path:
     return Path(str(resources.files("uwserver_scenarios"))) / folder
 
 
-def label_of(path: Path) -> str:
-    """Return the path as a user would type it: relative if it lies below the working folder."""
-    try:
-        # abspath does not follow links as resolve() does: one may lead in a circle.
-        absolute, here = Path(os.path.abspath(path)), Path.cwd()  # noqa: PTH100
-    except ValueError:  # a NUL in the name
-        return str(path)
-    return str(absolute.relative_to(here)) if absolute.is_relative_to(here) else str(absolute)
-
-
 def why_not(path: Path) -> str:
     """Return why there is no such file, to be put behind that statement; "" if nothing at all is there."""
     try:
@@ -189,3 +184,66 @@ def why_not(path: Path) -> str:
 def _end(text: str) -> tuple[int, int]:
     """Return line and column (from 1) just behind the last character."""
     return text.count("\n") + 1, len(text) - text.rfind("\n")
+
+
+def named(raw: Mapping[str, Any], table: str) -> dict[str, Any]:
+    """Return the table of this name; an empty one if it is missing or not a table."""
+    found = raw.get(table)
+    return found if isinstance(found, dict) else {}
+
+
+def merged(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a copy of `base` in which the keys of `override` replace its own; tables on both sides are merged in the same way."""
+    whole = dict(base)
+    for key, value in override.items():
+        below = whole.get(key)
+        whole[key] = merged(below, value) if isinstance(value, dict) and isinstance(below, dict) else value
+    return whole
+
+
+NOT_PLAIN = "it is not a regular file (but a folder, a pipe or a device)"
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[IO[bytes]]:
+    """Open a file for reading. The call does not wait for the writer of a pipe, and does not read a device.
+
+    Raises:
+        OSError: it cannot be opened, or is not a regular file; `strerror` says why in words.
+    """
+    try:
+        # Without O_NONBLOCK the call would wait until somebody writes to a pipe.
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+    except ValueError as error:  # the name has a NUL or half a surrogate pair
+        raise OSError(errno.EINVAL, f"a file cannot have this name: {error}") from error
+    try:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EINVAL, NOT_PLAIN)
+        with os.fdopen(descriptor, "rb", closefd=False) as file:
+            yield file
+    finally:
+        os.close(descriptor)
+
+
+def read_whole(path: Path, most_bytes: int) -> bytes:
+    """Return the bytes of a file. It is read once, so what was checked stays true even if the file changes later.
+
+    Raises:
+        OSError: as `opened`; or the file has more than `most_bytes`, or grows while it is read.
+    """
+    with opened(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        if size > most_bytes:
+            raise OSError(errno.EFBIG, f"it has {size} bytes; at most {most_bytes} are allowed")
+        data = file.read(size + 1)
+    if len(data) > size:
+        raise OSError(errno.EAGAIN, "it grew while it was read: try again once it is complete")
+    return data
+
+
+def is_plain(path: Path) -> bool:
+    """Return whether this is a regular file; False also if the folder may not be read or the name is impossible."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False

@@ -1,12 +1,19 @@
-"""Problems of a scenario: all of them are reported at once, each with its place in a file."""
+"""Problems of a scenario, which are all reported at once with their places in files, and the words for types and values in their texts."""
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec.inspect as mi
+from msgspec import Struct
+
+from uwserver.logs import place_of
 
 KeyPath = tuple[str | int, ...]
 """Keys and array indices (0-based) from the top of a file."""
@@ -56,6 +63,16 @@ class ScenarioError(Exception):
         super().__init__("\n".join([*lines, f"{errors} error{'' if errors == 1 else 's'}"]))
 
 
+def label_of(path: Path) -> str:
+    """Return the path as a user would type it: relative if it lies below the working folder."""
+    try:
+        # abspath does not follow links as resolve() does: one may lead in a circle.
+        absolute, here = Path(os.path.abspath(path)), Path.cwd()  # noqa: PTH100
+    except ValueError:  # a NUL in the name
+        return str(path)
+    return str(absolute.relative_to(here)) if absolute.is_relative_to(here) else str(absolute)
+
+
 def dotted(path: KeyPath) -> str:
     """Return the path as TOML writes it, with array indices in brackets: ``vehicles.rov.position_ned_m[2]``."""
     text = ""
@@ -88,3 +105,67 @@ def did_you_mean(word: str, allowed: Sequence[str]) -> str:
 def suggestion(word: str, allowed: Sequence[str], lead: str = "; allowed: ") -> str:
     """Return the hint of `did_you_mean`, or a list of all allowed words if none is similar."""
     return did_you_mean(word, allowed) or f"{lead}{', '.join(allowed) or 'none'}"
+
+
+def expected(type_: Any) -> str:
+    """Describe what a value of this type looks like in a file, limits included: ``a number greater than 0``."""
+    return _expected(mi.type_info(type_))
+
+
+def found(raw: object) -> str:
+    """Describe the value that the file has instead: ``the string "abc"``."""
+    if isinstance(raw, bool):
+        return f"the boolean {str(raw).lower()}"
+    if isinstance(raw, str):
+        return f'the string "{raw if len(raw) <= 40 else raw[:37] + "..."}"'
+    if isinstance(raw, (list, tuple)):
+        return f"an array of {len(raw)}"
+    if isinstance(raw, dict):
+        return "a table"
+    return number(raw) if isinstance(raw, (int, float)) else f"a {type(raw).__name__}"
+
+
+def number(raw: float) -> str:
+    """Write a number; of a very long integer only its length."""
+    if isinstance(raw, int):
+        return str(raw) if abs(raw) < 10**20 else f"an integer of {raw.bit_length()} bits"
+    return repr(raw)
+
+
+def not_built(table: Struct, error: Exception) -> str:
+    """Say why an extension's code could not build what a table declares, with the file and line of the failure."""
+    file, line = place_of(error)
+    where, kind = f"{label_of(Path(file))}:{line}", table.__struct_config__.tag
+    return f'a component of kind "{kind}" cannot be built ({where}): {type(error).__name__}: {error}'
+
+
+def _expected(node: mi.Type) -> str:
+    if isinstance(node, mi.Metadata):
+        return _expected(node.type)
+    if isinstance(node, mi.FloatType):
+        return "a number" + _limits(node)
+    if isinstance(node, mi.IntType):
+        return "a whole number" + _limits(node)
+    if isinstance(node, mi.BoolType):
+        return "true or false"
+    if isinstance(node, mi.StrType):
+        return "a string that is not empty" if node.min_length else "a string"
+    if isinstance(node, mi.LiteralType):
+        values = [f'"{value}"' if isinstance(value, str) else str(value) for value in node.values]
+        return values[0] if len(values) == 1 else "one of " + ", ".join(values)
+    if isinstance(node, mi.TupleType):
+        return f"an array of {len(node.item_types)} ({_expected(node.item_types[0])} each)"
+    if isinstance(node, (mi.VarTupleType, mi.ListType)):
+        least = f" of at least {node.min_length}" if node.min_length else ""
+        return f"an array{least} ({_expected(node.item_type)} each)"
+    if isinstance(node, mi.UnionType):
+        return " or ".join(_expected(member) for member in node.types if not isinstance(member, mi.NoneType))
+    return "a table"
+
+
+def _limits(node: mi.FloatType | mi.IntType) -> str:
+    if node.ge is not None and node.le is not None:
+        return f" from {node.ge:g} to {node.le:g}"
+    words = {"gt": "greater than", "ge": "of at least", "lt": "less than", "le": "of at most"}
+    limits = [f"{text} {limit:g}" for key, text in words.items() if (limit := getattr(node, key)) is not None]
+    return " " + " and ".join(limits) if limits else ""

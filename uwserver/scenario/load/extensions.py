@@ -18,9 +18,8 @@ from uwserver.environment.currents import CurrentConfig, CurrentTable
 from uwserver.logs import place_of
 from uwserver.modifiers import ModifierConfig, ModifierTable
 from uwserver.scenario.files.convert import More, kinds_of
-from uwserver.scenario.files.documents import MOST_BYTES, label_of, why_not
-from uwserver.scenario.files.errors import KeyPath, Problem
-from uwserver.scenario.files.opening import is_plain, read_whole
+from uwserver.scenario.files.documents import MOST_BYTES, is_plain, read_whole, why_not
+from uwserver.scenario.files.errors import KeyPath, Problem, label_of
 from uwserver.sensors import SensorConfig, SensorTable
 from uwserver.world.faults import FaultConfig, FaultTable
 

@@ -14,33 +14,24 @@ from msgspec import UnsetType
 
 from uwserver.autopilot.config import AutopilotConfig
 from uwserver.scenario.files.convert import Converter, Node, NodeCache, Report, check_known, check_name
-from uwserver.scenario.files.documents import Document, find, from_tables, read
+from uwserver.scenario.files.documents import Document, find, from_tables, named, read
 from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, Severity
-from uwserver.scenario.files.merge import named
-from uwserver.scenario.load.checks import check_scenario
-from uwserver.scenario.load.counts import check_components, check_delays, check_tables
+from uwserver.scenario.load.checks import check_components, check_delays, check_faults, check_scenario, check_tables
 from uwserver.scenario.load.export import tables
 from uwserver.scenario.load.extensions import extension_kinds
 from uwserver.scenario.load.extras import missing_extras
-from uwserver.scenario.load.fault_checks import check_faults
 from uwserver.scenario.load.plausibility import check_plausible, check_reachable
 from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.load.solids import SolidFiles
 from uwserver.scenario.load.tables import Scenario
-from uwserver.scenario.vehicle.actuator_checks import check_actuators
-from uwserver.scenario.vehicle.assembly import MergedFile, merged_file
-from uwserver.scenario.vehicle.autopilot_checks import check_autopilot
-from uwserver.scenario.vehicle.checks import check_vehicle
-from uwserver.scenario.vehicle.copies import check_names, entries
-from uwserver.scenario.vehicle.device_checks import check_device
-from uwserver.scenario.vehicle.entry import VehicleEntry
+from uwserver.scenario.vehicle.checks import check_autopilot, check_vehicle
+from uwserver.scenario.vehicle.component_checks import check_actuators, traits_of
+from uwserver.scenario.vehicle.devices import check_device, check_profile, expanded
+from uwserver.scenario.vehicle.entry import MergedFile, VehicleEntry, check_names, entries, merged_file
 from uwserver.scenario.vehicle.external import check_external
-from uwserver.scenario.vehicle.profiles import check_profile, expanded
-from uwserver.scenario.vehicle.sensor_checks import traits_of
 from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.scenario.vehicle.tracks import read_track
-from uwserver.scenario.water.tables import Environment
-from uwserver.scenario.world.tables import WorldTable
+from uwserver.scenario.world.tables import Environment, WorldTable
 from uwserver.units import rad
 from uwserver.world.external.track import PoseTrack
 

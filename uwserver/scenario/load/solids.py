@@ -40,10 +40,8 @@ from uwserver.scenario.solids.shapes import (
     structure_solid,
 )
 from uwserver.scenario.solids.tables import Collision, Contact, HullCollision, ObjectEntry, Seabed, Structure
-from uwserver.scenario.vehicle.assembly import MergedFile
-from uwserver.scenario.vehicle.copies import starts
-from uwserver.scenario.water.tables import Environment
-from uwserver.scenario.world.tables import WorldTable
+from uwserver.scenario.vehicle.entry import MergedFile, starts
+from uwserver.scenario.world.tables import Environment, WorldTable
 
 
 class SolidFiles:

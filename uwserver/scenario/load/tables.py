@@ -12,8 +12,7 @@ from msgspec import UNSET, Meta, UnsetType, field
 
 from uwserver.scenario.solids.tables import ObjectEntry, Seabed, Structure
 from uwserver.scenario.vehicle.entry import VehicleEntry
-from uwserver.scenario.water.tables import Environment
-from uwserver.scenario.world.tables import WorldTable
+from uwserver.scenario.world.tables import Environment, WorldTable
 from uwserver.table import Name, Table
 from uwserver.world.faults import FaultConfig
 

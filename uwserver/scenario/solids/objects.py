@@ -21,7 +21,7 @@ from uwserver.frames import Vec3
 from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, rigid_body_inertia
 from uwserver.physics.kernel.layout import SHAPE_BOX, SHAPE_SPHERE
 from uwserver.scenario.solids.tables import CylinderObject, ObjectEntry, SphereObject
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import Environment
 
 _PRISM_LENGTH = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 10.0)
 _PRISM = (0.455, 0.68, 0.72, 0.72, 0.76, 0.75, 0.78, 0.77, 0.80)

@@ -21,7 +21,7 @@ from uwserver.physics.dynamics.appendage_params import (
 from uwserver.scenario.vehicle.appendage_tables import Ballast, Fin, Foil, Hull, MovingMass, ShaftPropeller
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.scenario.vehicle.wageningen import b4_70
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import Environment
 from uwserver.units import rad
 
 TERM = re.compile(r"([XYZKMN])([uvwpqr])([uvwpqr])(d{0,2})")

@@ -35,7 +35,7 @@ from uwserver.scenario.vehicle.tables import (
     ThrusterDevice,
     VehicleFile,
 )
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import Environment
 from uwserver.units import rad
 
 _NEAR_FORMS = {"cylinder": NEAR_CYLINDER, "sphere": NEAR_SPHERE}

@@ -9,7 +9,7 @@ from msgspec import UNSET, Meta, UnsetType
 from uwserver.scenario.files.convert import Node, Report, check_known
 from uwserver.scenario.files.errors import KeyPath
 from uwserver.scenario.world.checks import check_rate
-from uwserver.scenario.world.epoch import instant
+from uwserver.scenario.world.earth import instant
 from uwserver.sensors import ModemTable
 from uwserver.table import Name, NonNegative, Positive, Table, Vector3
 from uwserver.world.external.pose_source import PREDICT_S

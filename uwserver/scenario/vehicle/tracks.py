@@ -23,7 +23,7 @@ from uwserver.physics.kernel.arrays import IntArray
 from uwserver.scenario.files.errors import closest
 from uwserver.scenario.solids.archive import compressed, decompressed
 from uwserver.scenario.vehicle.external import Following
-from uwserver.scenario.world.epoch import instant, nanoseconds
+from uwserver.scenario.world.earth import instant, nanoseconds
 from uwserver.units import NANOSECONDS
 from uwserver.world.external.motion import Kind, Motion
 from uwserver.world.external.track import PoseTrack, cleaned

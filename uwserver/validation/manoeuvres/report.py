@@ -14,7 +14,7 @@ from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.body import body_params
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.scenario.vehicle.tables import Published, Quantity
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import Environment
 from uwserver.units import deg, rad
 from uwserver.validation.energy import feeds
 from uwserver.validation.manoeuvres import trials

@@ -1,12 +1,29 @@
-"""Files found, read and parsed; problems placed at keys, or at the nearest table around them."""
+"""Files are found, opened only where reading them ends, parsed and merged; problems are placed at keys, or at the nearest table around them."""
 
 from __future__ import annotations
 
+import copy
+import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from uwserver.scenario.files.documents import Document, find, from_tables, label_of, parse, read, shipped
+from uwserver.scenario.files import documents
+from uwserver.scenario.files.documents import (
+    Document,
+    find,
+    from_tables,
+    is_plain,
+    label_of,
+    merged,
+    named,
+    opened,
+    parse,
+    read,
+    read_whole,
+    shipped,
+)
 from uwserver.scenario.files.errors import Problem, ScenarioError
 
 TEXT = 'schema = 1\n[world]\nrate_hz = 240\nrow = [1, 2]\n[vehicles.rov]\nmodel = "x"\n'
@@ -160,3 +177,85 @@ def test_a_label_is_relative_below_the_working_folder_only(tmp_path: Path, monke
     assert label_of(Path("a.toml")) == "a.toml"
     assert label_of(tmp_path / "in" / "b" / "a.toml") == str(Path("b", "a.toml"))
     assert label_of(tmp_path / "a.toml") == str(tmp_path / "a.toml")
+
+
+BASE: dict[str, Any] = {"a": 1, "t": {"x": 1, "y": {"z": 2}}, "list": [1, 2]}
+
+
+@pytest.mark.parametrize(
+    ("override", "expected"),
+    [
+        ({}, BASE),
+        ({"a": 2}, {**BASE, "a": 2}),
+        ({"b": 3}, {**BASE, "b": 3}),
+        ({"t": {"x": 9}}, {**BASE, "t": {"x": 9, "y": {"z": 2}}}),
+        ({"t": {"y": {"w": 1}}}, {**BASE, "t": {"x": 1, "y": {"z": 2, "w": 1}}}),
+        ({"t": 5}, {**BASE, "t": 5}),
+        ({"a": {"x": 1}}, {**BASE, "a": {"x": 1}}),
+        ({"list": [3]}, {**BASE, "list": [3]}),
+        ({"t": {}}, BASE),
+    ],
+)
+def test_an_override_goes_in_key_by_key(override: dict[str, Any], expected: dict[str, Any]) -> None:
+    base, given = copy.deepcopy(BASE), copy.deepcopy(override)
+    assert merged(base, given) == expected
+    assert base == BASE
+    assert given == override
+
+
+def test_keys_keep_their_order_and_new_ones_come_last() -> None:
+    assert list(merged({"b": 1, "a": 2}, {"c": 3, "a": 4})) == ["b", "a", "c"]
+
+
+def test_what_is_not_overridden_is_the_same_table() -> None:
+    """The loader knows by it that a table was converted already."""
+    base = {"same": {"x": 1}, "other": {"y": 2, "deep": {"z": 3}}}
+    whole = merged(base, {"other": {"y": 5}})
+    assert whole["same"] is base["same"]
+    assert whole["other"] is not base["other"]
+    assert whole["other"]["deep"] is base["other"]["deep"]
+
+
+def test_a_table_of_tables_is_empty_where_something_else_stands() -> None:
+    raw = {"sensors": {"imu": {}}, "odd": 3, "rows": [{}]}
+    assert named(raw, "sensors") is raw["sensors"]
+    assert named(raw, "odd") == {}
+    assert named(raw, "rows") == {}
+    assert named(raw, "nothing") == {}
+
+
+def test_a_file_is_read_whole_up_to_its_limit(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"12345")
+    assert read_whole(tmp_path / "a", 5) == b"12345"
+    with pytest.raises(OSError, match="it has 5 bytes; at most 4 are allowed"):
+        read_whole(tmp_path / "a", 4)
+
+
+def test_a_file_that_grows_is_not_half_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a").write_bytes(b"12345")
+    look = os.fstat
+
+    def look_and_grow(descriptor: int) -> os.stat_result:
+        seen = look(descriptor)
+        with (tmp_path / "a").open("ab") as file:
+            file.write(b"6")
+        return seen
+
+    monkeypatch.setattr(documents.os, "fstat", look_and_grow)
+    with pytest.raises(OSError, match="it grew while it was read"):
+        read_whole(tmp_path / "a", 100)
+
+
+def test_no_descriptor_is_left_of_what_is_no_file(tmp_path: Path) -> None:
+    before = len(list(Path("/dev/fd").iterdir()))
+    for _ in range(20):
+        with pytest.raises(OSError, match="not a regular file"), opened(tmp_path):
+            pass
+    assert len(list(Path("/dev/fd").iterdir())) == before
+
+
+@pytest.mark.parametrize("name", ["a\0b", "\ud800", "a" * 5000])
+def test_a_name_that_no_file_can_have(name: str, tmp_path: Path) -> None:
+    assert not is_plain(tmp_path / name)
+    with pytest.raises(OSError, match=r"a file cannot have this name|File name too long"), opened(tmp_path / name):
+        pass

@@ -1,8 +1,14 @@
-"""How faults are written: one line each, all of them, with the number of errors at the end; and what was probably meant."""
+"""How problems are written: one line each, with the number of errors at the end; similar words; types and values in the words of a TOML file."""
 
 from __future__ import annotations
 
+import datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
 import pytest
+from msgspec import Meta, UnsetType
 
 from uwserver.scenario.files.errors import (
     KeyPath,
@@ -11,8 +17,14 @@ from uwserver.scenario.files.errors import (
     closest,
     did_you_mean,
     dotted,
+    expected,
+    found,
+    not_built,
+    number,
     suggestion,
 )
+from uwserver.sensors import ImuConfig
+from uwserver.table import Name, NonNegative, Positive, Probability, Vector3
 
 WORDS = ("rate_hz", "mount", "latency_s", "enabled")
 
@@ -92,3 +104,84 @@ def test_where_nothing_is_like_it_all_is_listed() -> None:
     assert suggestion("xyzzy", WORDS) == "; allowed: rate_hz, mount, latency_s, enabled"
     assert suggestion("xyzzy", ()) == "; allowed: none"
     assert suggestion("xyzzy", ("left", "right"), "; there are: ") == "; there are: left, right"
+
+
+@pytest.mark.parametrize(
+    ("type_", "text"),
+    [
+        (float, "a number"),
+        (int, "a whole number"),
+        (bool, "true or false"),
+        (str, "a string"),
+        (Name, "a string that is not empty"),
+        (Positive, "a number greater than 0"),
+        (NonNegative, "a number of at least 0"),
+        (Probability, "a number from 0 to 1"),
+        (Annotated[float, Meta(lt=2.5)], "a number less than 2.5"),
+        (Annotated[float, Meta(le=2)], "a number of at most 2"),
+        (Annotated[float, Meta(gt=0, lt=180)], "a number greater than 0 and less than 180"),
+        (Annotated[int, Meta(ge=1, le=65535)], "a whole number from 1 to 65535"),
+        (Literal["a"], '"a"'),
+        (Literal["a", "b"], 'one of "a", "b"'),
+        (Literal[1], "1"),
+        (Vector3, "an array of 3 (a number each)"),
+        (tuple[int, ...], "an array (a whole number each)"),
+        (list[str], "an array (a string each)"),
+        (Annotated[tuple[Name, ...], Meta(min_length=2)], "an array of at least 2 (a string that is not empty each)"),
+        (float | tuple[float, ...], "a number or an array (a number each)"),
+        (Positive | UnsetType, "a number greater than 0"),
+        (str | None, "a string"),
+        (dict[str, float], "a table"),
+        (ImuConfig, "a table"),
+    ],
+)
+def test_what_is_expected(type_: Any, text: str) -> None:
+    assert expected(type_) == text
+
+
+@pytest.mark.parametrize(
+    ("raw", "text"),
+    [
+        (True, "the boolean true"),
+        (False, "the boolean false"),
+        ("x", 'the string "x"'),
+        ("", 'the string ""'),
+        ("a" * 40, f'the string "{"a" * 40}"'),
+        ("a" * 41, f'the string "{"a" * 37}..."'),
+        ([], "an array of 0"),
+        ((1, 2), "an array of 2"),
+        ({}, "a table"),
+        (3, "3"),
+        (2.5, "2.5"),
+        (1e300, "1e+300"),
+        (datetime.date(2026, 1, 1), "a date"),
+        (datetime.time(1, 2), "a time"),
+    ],
+)
+def test_what_is_found(raw: object, text: str) -> None:
+    assert found(raw) == text
+
+
+@pytest.mark.parametrize(
+    ("raw", "text"),
+    [(0, "0"), (-7, "-7"), (10**20 - 1, "9" * 20), (10**20, "an integer of 67 bits"), (-(10**30), "an integer of 100 bits"), (0.1, "0.1")],
+)  # fmt: skip
+def test_very_long_integers_are_cut(raw: float, text: str) -> None:
+    assert number(raw) == text
+
+
+def test_a_component_that_fails_is_told_with_kind_file_line_and_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Odd(msgspec.Struct, tag="odd", tag_field="kind"):
+        pass
+
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "mine.py"
+    path.write_text("def build():\n    return 1 / 0\n")
+    names: dict[str, Any] = {}
+    exec(compile(path.read_text(), str(path), "exec"), names)
+    with pytest.raises(ZeroDivisionError) as caught:
+        names["build"]()
+    text = 'a component of kind "odd" cannot be built (mine.py:2): ZeroDivisionError: division by zero'
+    assert not_built(Odd(), caught.value) == text

@@ -11,7 +11,7 @@ from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.solids.objects import object_params
 from uwserver.scenario.solids.tables import SphereObject
 from uwserver.scenario.vehicle.entry import VehicleEntry
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import Environment
 
 BALL = Solid("ball", (Placed(Sphere(0.5)),))
 ENTRY = SphereObject(mass_kg=1.0, radius_m=0.5)

@@ -26,7 +26,7 @@ from uwserver.scenario.load.scenario import load
 from uwserver.scenario.solids.archive import pack, unpack
 from uwserver.scenario.solids.objects import object_params
 from uwserver.scenario.solids.tables import BoxObject, CylinderObject, SphereObject
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import Environment
 
 HEAD = 'schema = 1\n[vehicles.rov]\nmodel = "./tiny.toml"\nposition_ned_m = [0.0, 0.0, 5.0]\n'
 

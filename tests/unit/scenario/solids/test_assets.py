@@ -1,4 +1,7 @@
-"""Mesh files on their way in: axes, units, what is mended, what is refused, and how it is cut."""
+"""Mesh files: axes, units, repairs, what is refused, and tiles.
+
+Sound files of every kind pass; tests/unit/scenario/load/test_hostile_files.py has those that declare wrong sizes.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ import pytest
 
 from uwserver.physics.geometry.shapes import HULL_POINTS, TILE_TRIANGLES, BadSolid
 from uwserver.scenario.solids import assets
-from uwserver.scenario.solids.assets import is_closed, read_hull, read_mesh, tiles
+from uwserver.scenario.solids.assets import checked, is_closed, read_hull, read_mesh, tiles
 
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -201,3 +204,34 @@ def test_a_large_mesh_is_halved_along_its_longest_axis(monkeypatch: pytest.Monke
     assert triangles == {tuple(map(tuple, t)) for t in vertices[faces].tolist()}
     assert not any(tile.oriented for tile in found)
     assert TILE_TRIANGLES >= 100
+
+
+@pytest.mark.parametrize("kind", ["stl", "stl_ascii", "ply", "ply_ascii", "obj", "glb", "gltf"])
+def test_a_sound_file_is_read_and_counted(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import trimesh
+
+    box = trimesh.creation.box((4.0, 2.0, 1.0))
+    path = tmp_path / f"box.{kind.partition('_')[0]}"
+    if kind == "gltf":
+        for name, data in box.export(file_type="gltf").items():
+            (tmp_path / name).write_bytes(data)
+        path = tmp_path / "model.gltf"
+    elif kind == "ply_ascii":
+        path.write_bytes(box.export(file_type="ply", encoding="ascii"))
+    else:
+        box.export(path, file_type=kind)
+    (mesh,) = read_mesh(path, "z", 1.0, lambda text: None)
+    assert np.ptp(mesh.vertices, axis=0) == pytest.approx([4.0, 2.0, 1.0])
+    assert len(mesh.faces) == 12
+    monkeypatch.setattr(assets, "MOST_TRIANGLES", 11)
+    with pytest.raises(BadSolid, match=r"12 triangles; at most 11 are allowed: simplify it"):
+        checked(path, path.read_bytes())
+
+
+def test_an_stl_text_with_a_name_of_another_encoding_is_read(tmp_path: Path) -> None:
+    import trimesh
+
+    text = trimesh.creation.box((4.0, 2.0, 1.0)).export(file_type="stl_ascii").replace("solid", "solid B\xf6je", 1)
+    (tmp_path / "a.stl").write_bytes(text.encode("latin-1"))
+    (mesh,) = read_mesh(tmp_path / "a.stl", "z", 1.0, lambda text: None)
+    assert len(mesh.faces) == 12

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from uwserver.physics.kernel.layout import SHAPE_BOX, SHAPE_SPHERE
 from uwserver.scenario.solids.objects import mass, object_params, volume
 from uwserver.scenario.solids.tables import BoxObject, CylinderObject, ObjectEntry, SphereObject
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import Environment
 
 WATER = Environment(density_kgpm3=1000.0, gravity_mps2=10.0)
 BALL = SphereObject(mass_kg=5.0, radius_m=0.2)

@@ -14,7 +14,7 @@ from uwserver.scenario.vehicle.appendage_tables import Foil
 from uwserver.scenario.vehicle.appendages import TERM, appendages, lift_slope
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.scenario.vehicle.wageningen import b4_70
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import Environment
 from uwserver.units import rad
 
 SOURCE = {"source": "x", "status": "guess"}

@@ -25,7 +25,7 @@ from uwserver.scenario.vehicle.body import (
     thruster_params,
 )
 from uwserver.scenario.vehicle.tables import LagTable, ThrusterDevice, VehicleFile
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import Environment
 
 SOURCE = {"source": "x", "status": "guess"}
 SEA = Environment(density_kgpm3=1025.0)

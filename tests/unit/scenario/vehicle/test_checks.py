@@ -1,17 +1,37 @@
-"""Checks of one vehicle across its tables: forms of matrices, what a rigid body can be, propulsion and names."""
+"""Checks of one vehicle across its tables: matrices, propulsion, names, appendages, and its built-in autopilot.
+
+Also of uwserver.autopilot.config.
+"""
 
 # ruff: noqa: E501 - one case a line
+
 from __future__ import annotations
 
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
+from msgspec import UNSET
 
-from uwserver.scenario.vehicle.checks import check_vehicle
+from uwserver.actuators import (
+    ActuatorConfig,
+    FinConfig,
+    FinsConfig,
+    ForceTorqueConfig,
+    PropellerConfig,
+    TeleportConfig,
+    ThrusterConfig,
+    ThrustersConfig,
+)
+from uwserver.autopilot.config import AutopilotConfig
+from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.checks import check_autopilot, check_vehicle, is_steerable
+from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.scenario.vehicle.tables import VehicleFile
-from uwserver.scenario.water.tables import Environment
-from uwserver.scenario.world.tables import WorldTable
+from uwserver.scenario.world.tables import Environment, WorldTable
 
 WATER = Environment()
 SOURCE = {"source": "x", "status": "guess"}
@@ -218,3 +238,160 @@ def test_all_faults_are_told_and_holes_left_out(told) -> None:
         actuators={"a": {"kind": "thruster", "member": "right"}},
     )
     assert [line.split(":")[0] for line in lines] == ["thrusters.left.axis_frd", "actuators.a.member"]
+
+
+def faults(override, model="tethys"):
+    with pytest.raises(ScenarioError) as caught:
+        load(Scenario(schema=1, vehicles={"auv": VehicleEntry(model=model, override=override)}), adapters={})
+    return str(caught.value)
+
+
+FOIL = {"source": "x", "status": "guess", "position_frd_m": [0, 0, 0], "hinge_frd": [0, 1, 0]}
+FIN = {**FOIL, "limit_deg": 10}
+PROPELLER = {"source": "x", "status": "guess", "position_frd_m": [-1, 0, 0], "diameter_m": 0.2, "max_speed_radps": 100}
+CURVE = [[0, 0.4, 0.0], [1, 0.1, 0.0]]
+NONE = [0, 0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("override", "text"),
+    [
+        ({"fins": {"rudder": {"hinge_frd": [0, 0, 0]}}}, "fins.rudder.hinge_frd: the hinge has no direction"),
+        ({"fins": {"rudder": {"chord_frd": [0, 0, 0]}}}, "fins.rudder.chord_frd: the chord has no direction"),
+        ({"fins": {"rudder": {"chord_frd": [0, 0, 2]}}}, "fins.rudder.chord_frd: the chord is parallel to the hinge"),
+        ({"fins": {"new": {**FIN, "area_m2": 0.01}}}, "fins.new: a foil with an area needs lift_slope_prad, aspect_ratio, or both"),
+        ({"foils": {"new": {**FOIL, "area_m2": 1.0}}}, "foils.new: a foil with an area needs"),
+        ({"fins": {"rudder": {"derivatives": {"Yuu": 1.0}}}}, '"Yuu" is not a derivative: write an axis of XYZKMN and two velocities of uvwpqr,'),
+        ({"hull": {"derivatives": {"source": "x", "status": "guess", "terms": {"Yuud": 1.0}}}}, '"Yuud" is not a derivative'),
+        ({"propellers": {"main": {"axis_frd": [0, 0, 0]}}}, "propellers.main.axis_frd: the axis has no direction"),
+        ({"propellers": {"main": {"curve": [[0.5, 1, 1], [0.1, 1, 1]]}}}, "propellers.main.curve: the advance numbers J"),
+        ({"propellers": {"main": {"curve": [[0.5, 1, 1]]}}}, "propellers.main.curve"),
+        ({"propellers": {"main": {"curve": CURVE}}}, "main.pitch_ratio: describes four quadrants, but the curve describes the first one only"),
+        ({"propellers": {"main": {"curve": CURVE, "quadrants": [NONE]}}}, "propellers.main.quadrants: describes four quadrants"),
+        ({"propellers": {"main": {"curve": CURVE, "damping_includes_stopped": True}}}, "damping_includes_stopped: a stopped propeller with a curve"),
+        ({"propellers": {"new": {**PROPELLER, "pitch_ratio": 1.5}}}, "propellers.new.pitch_ratio"),
+        ({"propellers": {"new": {**PROPELLER, "astern_factor": 0.8}}}, "propellers.new.astern_factor: works with a curve only"),
+        ({"propellers": {"new": {**PROPELLER, "quadrants": [NONE], "pitch_ratio": 1.0}}}, "propellers.new.pitch_ratio: is for the B4-70"),
+        ({"propellers": {"new": {**PROPELLER, "quadrants": [NONE, [0, 0.7, 0, 0]]}}}, "quadrants: the propeller gives more power than"),
+        ({"propellers": {"new": {**PROPELLER, "inflow": "speed"}}}, 'propellers.new.inflow: "speed" works with a curve only'),
+        ({"propellers": {"new": {**PROPELLER, "quadrants": []}}}, "propellers.new.quadrants"),
+        ({"ballasts": {"buoyancy_engine": {"neutral_volume_m3": 1.0}}}, "neutral_volume_m3: must lie between"),
+        ({"moving_masses": {"battery": {"min_position_m": 0.01}}}, "moving_masses.battery: position 0 must lie between"),
+        ({"moving_masses": {"battery": {"mass_kg": 500.0}}}, "moving_masses.battery.mass_kg: is part of the vehicle's mass_kg"),
+        ({"moving_masses": {"battery": {"axis_frd": [0, 0, 0]}}}, "moving_masses.battery.axis_frd: the axis has no direction"),
+        ({"actuators": {"rudder": {"member": "rudde"}}}, 'no fin "rudde" (did you mean "rudder"?)'),
+        ({"actuators": {"propeller": {"member": "aft"}}}, 'no propeller "aft"'),
+        ({"actuators": {"all": {"kind": "fins", "members": ["rudder", "rudder"]}}}, '"rudder" is named twice'),
+    ],
+)  # fmt: skip
+def test_a_fault_is_told_with_its_place(override, text):
+    assert text in faults(override)
+
+
+def test_a_vehicle_without_fins_has_none_to_command():
+    assert "the vehicle has no fins to command" in faults({"actuators": {"f": {"kind": "fins"}}}, "bluerov2")
+
+
+def test_all_faults_are_told_at_once():
+    told = faults({"fins": {"rudder": {"hinge_frd": [0, 0, 0]}}, "propellers": {"main": {"axis_frd": [0, 0, 0]}}})
+    assert "fins.rudder" in told
+    assert "propellers.main" in told
+
+
+@pytest.mark.parametrize(
+    "extra",
+    [
+        {},
+        {"pitch_ratio": 0.5},
+        {"pitch_ratio": 1.3, "damping_includes_stopped": True},
+        {"quadrants": [NONE, [0.2, -0.7, 0.03, -0.1]]},
+    ],
+)
+def test_a_propeller_in_four_quadrants_needs_no_curve(extra):
+    entry = VehicleEntry(model="tethys", override={"propellers": {"new": {**PROPELLER, **extra}}})
+    loaded = load(Scenario(schema=1, vehicles={"auv": entry}), adapters={}).vehicles["auv"].vehicle
+    assert loaded.propellers["new"].curve is UNSET
+
+
+WORLD = WorldTable()
+PATH = ("vehicles", "rov", "autopilot")
+
+
+@pytest.fixture
+def autopilot_report(raw_vehicle, tree_of, report):
+    """What is told of an autopilot of the tiny vehicle with tables in the place of its own."""
+
+    def check(world: WorldTable | None = WORLD, config: Any = None, **tables: Any) -> list[str]:
+        tree = tree_of({**raw_vehicle, **tables}, VehicleFile)
+        check_autopilot(msgspec.convert(config or {}, AutopilotConfig), tree, PATH, world, report)
+        lines: list[str] = report.lines
+        return lines
+
+    return check
+
+
+def test_a_good_one_passes(autopilot_report) -> None:
+    assert autopilot_report() == []
+    assert autopilot_report(config={"rate_hz": 60, "state_rate_hz": 10, "gains": {"rate_p": 1.0, "rate_i": 0.5}}) == []
+
+
+@pytest.mark.parametrize("key", ["rate_hz", "state_rate_hz"])
+def test_rates_fall_on_ticks(key: str, autopilot_report) -> None:
+    (line,) = autopilot_report(config={key: 7.0})
+    assert line.startswith(f"vehicles.rov.autopilot.{key}: 7 Hz does not divide the physics rate of 240 Hz")
+
+
+def test_without_a_world_rates_are_left_out(autopilot_report) -> None:
+    assert autopilot_report(None, {"rate_hz": 7.0}) == []
+
+
+def test_gains_are_those_that_there_are(autopilot_report) -> None:
+    (line,) = autopilot_report(config={"gains": {"no_such_gain": 1.0}})
+    assert line.startswith('vehicles.rov.autopilot.gains.no_such_gain: unknown gain "no_such_gain"')
+
+
+def test_a_misspelt_gain_is_told_with_what_was_meant(autopilot_report) -> None:
+    (line,) = autopilot_report(config={"gains": {"yaw_rate_q": 1.0}})
+    assert '(did you mean "yaw_rate_' in line
+
+
+@pytest.mark.parametrize("value", [-1.0, 1001.0])
+def test_values_of_gains_are_checked_as_in_the_vehicle_file(value: float, autopilot_report) -> None:
+    text = f"vehicles.rov.autopilot.gains.rate_p: expected a number from 0 to 1000, found {value}"
+    assert autopilot_report(config={"gains": {"rate_p": value}}) == [text]
+
+
+@pytest.mark.parametrize("table", ["sensors", "actuators"])
+def test_nothing_else_may_have_its_path(table: str, autopilot_report, raw_vehicle) -> None:
+    own = {"sensors": {"kind": "imu", "rate_hz": 60}, "actuators": {"kind": "teleport"}}[table]
+    text = f'"autopilot" in {table} would have the same path as the built-in autopilot: rename it'
+    assert autopilot_report(**{table: {**raw_vehicle[table], "autopilot": own}}) == [f"vehicles.rov.autopilot: {text}"]
+
+
+def test_without_anything_to_steer_with_it_is_refused(autopilot_report) -> None:
+    (line,) = autopilot_report(actuators={"move": {"kind": "teleport"}})
+    assert line.startswith("vehicles.rov.autopilot: it cannot steer this vehicle")
+
+
+FIN_ACTUATOR, FINS = FinConfig(member="rudder"), FinsConfig()
+PROPELLER_ACTUATOR = PropellerConfig(member="main")
+
+
+@pytest.mark.parametrize(
+    ("actuators", "steerable"),
+    [
+        ([ThrustersConfig()], True),
+        ([ThrusterConfig(member="t1")], True),
+        ([ForceTorqueConfig()], True),
+        ([FIN_ACTUATOR, PROPELLER_ACTUATOR], True),
+        ([FINS, PROPELLER_ACTUATOR], True),
+        ([FINS], False),
+        ([PROPELLER_ACTUATOR], False),
+        ([TeleportConfig()], False),
+        ([], False),
+        ([ThrustersConfig(enabled=False)], False),
+        ([FINS, PropellerConfig(member="main", enabled=False)], False),
+    ],
+)
+def test_what_can_be_steered(actuators: list[ActuatorConfig], steerable: bool) -> None:
+    assert is_steerable({str(k): config for k, config in enumerate(actuators)}) is steerable

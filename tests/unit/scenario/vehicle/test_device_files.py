@@ -15,7 +15,7 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.files.documents import read, shipped
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.vehicle.profiles import check_profile
+from uwserver.scenario.vehicle.devices import check_profile
 from uwserver.sensors import LblConfig, Pose, Scope, UsblConfig
 
 _RAW = {name: read(path).raw for name, path in shipped("devices").items()}

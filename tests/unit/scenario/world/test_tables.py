@@ -1,4 +1,6 @@
-"""Tables of the world itself: limits and defaults."""
+"""The tables `world` and `environment`: limits and defaults, and the density with which forces act."""
+
+# ruff: noqa: E501 - one case a line
 
 from __future__ import annotations
 
@@ -7,7 +9,8 @@ from typing import Any
 import pytest
 from msgspec import UNSET
 
-from uwserver.scenario.world.tables import Clock, WorldTable
+from uwserver.environment.column import ConstantColumn
+from uwserver.scenario.world.tables import SEA_WATER_KGPM3, Clock, Environment, WorldTable
 
 
 def test_defaults() -> None:
@@ -34,3 +37,45 @@ def test_defaults() -> None:
 def test_limits(keys: dict[str, Any], line: str, tree_of, report) -> None:
     assert tree_of(keys, WorldTable).value is None
     assert report.lines == [line]
+
+
+def test_defaults_are_sea_water_at_rest() -> None:
+    water = Environment()
+    assert (water.density, water.gravity, water.temperature_degc) == (SEA_WATER_KGPM3, 9.81, 10.0)
+    assert water.atmospheric_pressure_pa == 101_325.0
+    assert water.current.velocity_ned_mps == (0.0, 0.0, 0.0)
+    assert water.currents == {}
+    assert water.water is water.waves is UNSET
+
+
+@pytest.mark.parametrize(
+    ("keys", "density"),
+    [
+        ({"density_kgpm3": 700.0}, 700.0),
+        ({"water": ConstantColumn(temperature_degc=4.0, salinity_psu=0.0)}, 999.97),
+        ({"water": ConstantColumn(temperature_degc=15.0, salinity_psu=35.0)}, 1025.97),
+        ({"water": ConstantColumn(hydrostatics="uniform")}, SEA_WATER_KGPM3),
+        ({"water": ConstantColumn(), "density_kgpm3": 1000.0}, 1000.0),
+    ],
+)
+def test_the_density_is_given_or_that_of_the_water_at_the_surface(keys: dict[str, Any], density: float) -> None:
+    """Pure water at 4 degC and standard sea water at 15 degC, as tables have them (UNESCO 1981)."""
+    assert Environment(**keys).density == pytest.approx(density, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("keys", "line"),
+    [
+        ({"density_kgpm3": 499}, "density_kgpm3: expected a number from 500 to 1500, found 499"),
+        ({"gravity_mps2": 31}, "gravity_mps2: expected a number from 0 to 30, found 31"),
+        ({"temperature_degc": -6}, "temperature_degc: expected a number from -5 to 60, found -6"),
+        ({"atmospheric_pressure_pa": -1}, "atmospheric_pressure_pa: expected a number of at least 0, found -1"),
+        ({"surface_level_m": 21}, "surface_level_m: expected a number from -20 to 20, found 21"),
+        ({"water": {"kind": "constant", "salinity_psu": 43}}, "water.salinity_psu: expected a number from 0 to 42, found 43"),
+        ({"currents": {"a": {"kind": "profile", "depth_m": [0], "velocity_ned_mps": []}}}, "currents.a.depth_m: expected an array of at least 2 (a number each), found an array of 1"),
+        ({"currents": {"a": {"kind": "gauss_markov", "sigma_ned_mps": [0, 0, -1], "tau_s": 1}}}, "currents.a.sigma_ned_mps[2]: expected a number of at least 0, found -1"),
+    ],
+)  # fmt: skip
+def test_limits_of_the_environment(keys: dict[str, Any], line: str, tree_of, report) -> None:
+    assert tree_of(keys, Environment).value is None
+    assert report.lines[0] == line

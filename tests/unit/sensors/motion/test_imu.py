@@ -18,8 +18,7 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
-from uwserver.scenario.water.tables import Current, Environment
-from uwserver.scenario.world.tables import WorldTable
+from uwserver.scenario.world.tables import Current, Environment, WorldTable
 from uwserver.sensors import (
     ImuConfig,
     Pose,

@@ -14,7 +14,7 @@ from uwserver.environment.water import Water
 from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.kernel.random import key_of
 from uwserver.scenario.files.documents import shipped
-from uwserver.scenario.vehicle.profiles import check_profile
+from uwserver.scenario.vehicle.devices import check_profile
 from uwserver.sensors import ImuConfig, Pose, Scope
 from uwserver.sensors.compiled import HEAD, read
 from uwserver.sensors.motion.imu import Imu, ImuMemory

@@ -9,7 +9,7 @@ import pytest
 from manoeuvre_rig import GUESS, ROV, TORPEDO, vehicle, written
 
 from uwserver.scenario.vehicle.body import body_params
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import Environment
 from uwserver.validation.manoeuvres.helm import Helm
 from uwserver.validation.manoeuvres.particulars import Particular, guesses, particulars
 from uwserver.validation.manoeuvres.report import resolve

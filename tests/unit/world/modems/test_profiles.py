@@ -12,7 +12,7 @@ from modem_rig import Heard, counts, listen
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.documents import read, shipped
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.vehicle.profiles import check_profile
+from uwserver.scenario.vehicle.devices import check_profile
 from uwserver.sensors import AcousticModemConfig, Pose
 from uwserver.world import World
 

@@ -30,7 +30,7 @@ from uwserver.physics.kernel.layout import (
     WAVE_SIZE,
     SeaRows,
 )  # fmt: skip
-from uwserver.scenario.vehicle.profiles import check_profile
+from uwserver.scenario.vehicle.devices import check_profile
 from uwserver.sensors import Pose
 from uwserver.sensors.acoustic.doppler.adcp import AdcpConfig
 from uwserver.testing import FakeGeometry, check_sensor

@@ -11,8 +11,8 @@ import pytest
 
 from uwserver.environment.water import Water
 from uwserver.physics.kernel.layout import WAVE_AMPLITUDE, WAVE_K, WAVE_KX, WAVE_KY
-from uwserver.scenario.water.sea import water_of
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.sea import water_of
+from uwserver.scenario.world.tables import Environment
 
 RATE = 100.0
 DRIFT = {"kind": "gauss_markov", "sigma_ned_mps": [0.2, 0.1, 0.0], "tau_s": 5.0, "interval_s": 0.1}

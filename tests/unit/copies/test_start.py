@@ -1,4 +1,6 @@
-"""What copies do not act out is refused by its name."""
+"""Scenarios that cannot be copied are refused, and the text names the reason."""
+
+from __future__ import annotations
 
 import pytest
 

@@ -13,7 +13,7 @@ from uwserver.environment.sea import Sea
 from uwserver.environment.water import Water
 from uwserver.environment.waves import wave_rows
 from uwserver.physics.kernel.layout import PROFILE_SIZE, WAVE_SIZE, SeaRows
-from uwserver.scenario.water.tables import Environment
+from uwserver.scenario.world.tables import Environment
 from uwserver.units import rad
 
 _TIDE_WAVE_NUMBER = 1e-12

@@ -1,19 +1,26 @@
-"""Checks one sensor of a vehicle and its modifiers."""
+"""Checks the sensors of a vehicle with their modifiers, and the actuators that have a wrench of their own, such as those of extensions.
+
+Components of extensions are built once on trial, because code of a user may fail in any way.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import get_args
 
+from msgspec import Struct, msgpack
+
 from uwserver.modifiers import Modifier, ModifierConfig, Stream
+from uwserver.physics.bodies import Hydrodynamics
 from uwserver.ports import Field
 from uwserver.ports.messages import STANDARD
 from uwserver.scenario.files.convert import Node, Report, check_known
-from uwserver.scenario.files.errors import KeyPath
-from uwserver.scenario.files.wording import not_built
+from uwserver.scenario.files.errors import KeyPath, not_built
+from uwserver.scenario.vehicle.body import body_params, own_actuators, own_rows
+from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.scenario.world.checks import check_rate
-from uwserver.scenario.world.epoch import instant, year_of
-from uwserver.scenario.world.magnetic import WMM_YEARS
-from uwserver.scenario.world.tables import WorldTable
+from uwserver.scenario.world.earth import WMM_YEARS, instant, year_of
+from uwserver.scenario.world.tables import Environment, WorldTable
 from uwserver.sensors import Pose, Sensor, SensorConfig, SensorTable, Traits
 from uwserver.world.services import SENSOR_SERVICES
 
@@ -167,3 +174,34 @@ def _check_modifier(
         report(path, str(error))
     except Exception as error:  # noqa: BLE001 - code of the user may fail in any way
         report(path, not_built(modifier, error))
+
+
+def check_actuators(
+    vehicle: VehicleFile, devices: Mapping[str, ThrusterDevice], environment: Environment, report: Report
+) -> None:
+    """Check that they can be built, go to neutral, and can be saved.
+
+    Args:
+        vehicle, devices, environment: without errors.
+        report: called for errors.
+    """
+    own = own_actuators(vehicle)
+    if not own:
+        return
+    bodies = own_rows(Hydrodynamics([body_params(vehicle, devices, environment)], 1.0), vehicle, 0)
+    for name, config in own.items():
+        try:
+            actuator = config.build(bodies[name])
+            check_fields(actuator.fields, config.message)
+            check_memory(getattr(actuator, "memory", None))
+            actuator.neutral()
+        except Exception as error:  # noqa: BLE001 - code of the user may fail in any way
+            report(("actuators", name), not_built(config, error))
+
+
+def check_memory(memory: object) -> None:
+    """Raise ValueError unless the memory is None, or a Struct that can be encoded and decoded again."""
+    if memory is None:
+        return
+    if not isinstance(memory, Struct) or msgpack.decode(msgpack.encode(memory), type=type(memory)) != memory:
+        raise ValueError(f"its memory must be a msgspec Struct of plain typed values, not {memory!r}")

@@ -1,17 +1,27 @@
-"""Checks of one sensor of a vehicle: rate, place on the Earth, mount, parts, and its errors."""
+"""Checks of the sensors of a vehicle (rate, place on the Earth, mount, parts, errors) and of the actuators of extensions."""
 
 # ruff: noqa: E501 - one case a line
+
 from __future__ import annotations
 
 from typing import Any, ClassVar
 
 import pytest
+from msgspec import Struct
+from msgspec.structs import replace
 
+from uwserver.actuators import ActuatorTable, Body, ThrustersConfig
 from uwserver.ports import Field
 from uwserver.scenario.files.convert import Converter
-from uwserver.scenario.vehicle.sensor_checks import check_fields, check_sensor, enabled
+from uwserver.scenario.vehicle.component_checks import (
+    check_actuators,
+    check_fields,
+    check_memory,
+    check_sensor,
+    enabled,
+)
 from uwserver.scenario.vehicle.tables import VehicleFile
-from uwserver.scenario.world.tables import WorldTable
+from uwserver.scenario.world.tables import Environment, WorldTable
 from uwserver.sensors import IdealSensor, Pose, Scope, SensorTable
 
 ON_EARTH = WorldTable(origin_lat_deg=63.4, origin_lon_deg=10.4)
@@ -226,3 +236,114 @@ def test_a_component_with_errors_counts_as_enabled(tree_of, raw_vehicle) -> None
     raw_vehicle["sensors"]["odd"] = {"kind": "imu", "rate_hz": 60, "enabled": "no"}
     raw_vehicle["sensors"]["none"] = 3
     assert enabled(tree_of(raw_vehicle, VehicleFile), "sensors") == ("imu", "odd", "none")
+
+
+class Count(Struct):
+    """A memory."""
+
+    n: int = 0
+
+
+class Good:
+    fields = (Field("u", "1", "part of full command"),)
+    doc = "Something."
+
+    def __init__(self, body: Body) -> None:
+        self.body, self.memory = body, Count()
+
+    def apply(self, value: Any) -> None:
+        self.body.push((value, 0.0, 0.0))
+
+    def neutral(self) -> None:
+        self.apply(0.0)
+
+
+class OwnConfig(ActuatorTable, tag="own", kw_only=True, frozen=True):
+    """Makes what a test says."""
+
+    made: ClassVar[Any] = Good
+    bodies: ClassVar[list[Body]] = []
+
+    def build(self, body: Body) -> Any:
+        self.bodies.append(body)
+        return self.made(body)
+
+
+@pytest.fixture
+def actuator_report(tiny, motor, report, monkeypatch):
+    monkeypatch.setattr(OwnConfig, "bodies", [])
+
+    def check(made: Any = Good, **actuators: ActuatorTable) -> list[str]:
+        monkeypatch.setattr(OwnConfig, "made", staticmethod(made))
+        vehicle = replace(tiny, actuators={"thrusters": ThrustersConfig(), **actuators})
+        check_actuators(vehicle, {"left": motor}, Environment(), report)
+        lines: list[str] = report.lines
+        return lines
+
+    return check
+
+
+def test_a_good_one_is_built_once_with_the_rows_of_its_vehicle(actuator_report) -> None:
+    assert actuator_report(jet=OwnConfig()) == []
+    (body,) = OwnConfig.bodies
+    assert body.thrusters == {"left": 0}
+    assert body.wrench == 1
+
+
+def test_shipped_kinds_are_not_built(actuator_report) -> None:
+    assert actuator_report() == []
+    assert OwnConfig.bodies == []
+
+
+class Listed(Good):
+    fields = [Good.fields[0]]  # type: ignore[assignment]  # noqa: RUF012
+
+
+class Forgetful(Good):
+    def __init__(self, body: Body) -> None:
+        super().__init__(body)
+        self.memory = [0]  # type: ignore[assignment]
+
+
+class Restless(Good):
+    def neutral(self) -> None:
+        raise RuntimeError("never")
+
+
+@pytest.mark.parametrize(
+    ("made", "reason"),
+    [
+        (lambda body: 1 / 0, "ZeroDivisionError: division by zero"),
+        (lambda body: None, "AttributeError: 'NoneType' object has no attribute 'fields'"),
+        (Listed, "ValueError: its fields must be a tuple of uwserver.ports.Field"),
+        (Forgetful, "ValueError: its memory must be a msgspec Struct of plain typed values, not [0]"),
+        (Restless, "RuntimeError: never"),
+        (lambda body: body.thrusters["t9"], "KeyError: 't9'"),
+    ],
+)
+def test_one_that_cannot_be_built_is_told(made: Any, reason: str, actuator_report) -> None:
+    (line,) = actuator_report(made, jet=OwnConfig())
+    assert line.startswith('actuators.jet: a component of kind "own" cannot be built (')
+    assert line.endswith(reason)
+
+
+def test_one_does_not_hide_the_other(actuator_report) -> None:
+    lines = actuator_report(lambda body: 1 / 0, one=OwnConfig(), two=OwnConfig())
+    assert [line.split(":")[0] for line in lines] == ["actuators.one", "actuators.two"]
+
+
+class Loose(Struct):
+    """Two that request_scene_state alike as bytes."""
+
+    value: Any = (1, 2)
+
+
+@pytest.mark.parametrize("memory", [None, Count(), Count(n=7)])
+def test_a_memory_that_can_be_saved(memory: object) -> None:
+    check_memory(memory)
+
+
+@pytest.mark.parametrize("memory", [[], {}, 0, "x", Loose()])
+def test_a_memory_that_cannot_be_saved(memory: object) -> None:
+    with pytest.raises(ValueError, match="its memory must be a msgspec Struct of plain typed values"):
+        check_memory(memory)
