@@ -17,7 +17,6 @@ from typing import Any, get_args
 import msgspec
 from limits import limits_page
 from msgspec import NODEFAULT, UNSET
-from uwserver.scenario.water import tables as water_tables
 
 from uwserver.actuators import ActuatorConfig
 from uwserver.adapter import AdapterTable, installed_adapters
@@ -36,6 +35,7 @@ from uwserver.scenario.solids import tables as solid_tables
 from uwserver.scenario.vehicle import appendage_tables, entry
 from uwserver.scenario.vehicle import tables as vehicle_tables
 from uwserver.scenario.vehicle.appendage_tables import Status
+from uwserver.scenario.water import tables as water_tables
 from uwserver.scenario.world import tables as world_tables
 from uwserver.sensors import SensorConfig
 from uwserver.server.context import LOOP_SERVICES

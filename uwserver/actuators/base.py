@@ -1,4 +1,4 @@
-"""What an actuator is: it writes checked commands into rows of the kernel's arrays, and can go back to neutral."""
+"""The contract of an actuator: it writes checked commands into rows of the kernel's arrays, and can return to neutral."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from uwserver.ports import Field
 from uwserver.table import Table
 
 Given = tuple[tuple[float, ...] | None, ...]
-"""A checked command to an actuator whose fields are all numbers: one tuple of floats for each field, None for a field that was left out."""
+"""A checked command to an actuator whose fields are all numbers: a tuple of floats for each field, or None for a field that was left out."""
 
 LONGEST_TIMEOUT_S = 1e6
 Timeout = Annotated[float, Meta(ge=0, le=LONGEST_TIMEOUT_S)]
 
 
 class Devices(NamedTuple):
-    """The parts of its vehicle that an actuator commands.
+    """The parts of a vehicle that an actuator commands.
 
     Attributes:
-        table: of the vehicle file: thrusters, fins, propellers, ballasts, moving_masses, lamps or mounts.
-        noun: what one of them is called.
-        field: of the command.
-        members: their names; none for all that there are.
-        is_vector: one command is of all members, which its key `members` names; else of one.
-        key: that names the one.
+        table: table of the vehicle file: thrusters, fins, propellers, ballasts, moving_masses, lamps or mounts.
+        noun: word for one part, as in "fin".
+        field: name of the field of the command.
+        members: names of the parts; () for all in the table.
+        is_vector: whether a command has one component for each part. Otherwise the actuator commands a single part.
+        key: key of the actuator's table that names this single part.
     """
 
     table: str
@@ -39,15 +39,15 @@ class Devices(NamedTuple):
 
 
 class ActuatorTable(Table, tag_field="kind", kw_only=True, frozen=True):
-    """What the table of any actuator may hold; each has ``build(body) -> Actuator``.
+    """Base of the tables of actuators. Each table has ``build(body) -> Actuator``.
 
     Attributes:
-        timeout_s: after this long without a command (simulation time) the actuator goes to neutral and reports it; 0 for never.
+        timeout_s: simulation time without a command after which the actuator goes to neutral and reports it; 0 for never.
         enabled: False leaves the actuator out.
 
     A kind may also set:
-        message: plain name of the standard message that its fields fit ("Wrench"), which belongs to no middleware; "" for none.
-        own_wrench: it may hold a force and a moment (`Body.push`) that nobody else replaces.
+        message: plain name of the standard message that its fields fit ("Wrench"); "" for none.
+        own_wrench: whether it has a force and a moment of its own (`Body.push`), which no other actuator replaces.
     """
 
     message: ClassVar[str] = ""
@@ -56,11 +56,11 @@ class ActuatorTable(Table, tag_field="kind", kw_only=True, frozen=True):
     enabled: bool = True
 
     def devices(self) -> Devices | None:
-        """The parts of its vehicle that it commands; None for none."""
+        """Return the parts of the vehicle that the actuator commands; None if it commands none."""
         return None
 
     def nudge(self, mass_kg: float) -> str:
-        """The arguments of `uwclient send` that visibly move a vehicle of this mass; "" where it commands parts, or where nobody knows."""
+        """Return arguments for `uwclient send` that visibly move a vehicle of this mass; "" if the kind has none, or commands parts of the vehicle."""
         return ""
 
 
@@ -71,7 +71,7 @@ class Body:
         hydro: arrays of the world.
         row: the vehicle's body row.
         thrusters: thruster rows by name.
-        wrench: a wrench row: the vehicle's, or a separate one for an actuator of a kind with `own_wrench`.
+        wrench: a wrench row: that of the vehicle, or a separate one for an actuator of a kind with `own_wrench`.
         servos: servo rows by table and name (``fins.rudder``).
         lamps: names of its lamps.
         tilts: mounts that tilt, by name: lowest and highest angle (rad), and rate (rad/s).

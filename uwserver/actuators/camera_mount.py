@@ -21,7 +21,7 @@ class CameraMountConfig(ActuatorTable, tag="camera_mount", kw_only=True, frozen=
     mount: Name
 
     def devices(self) -> Devices:
-        """The mount."""
+        """Return the mount."""
         return Devices("mounts", "mount", "tilt", (self.mount,), key="mount")
 
     def build(self, body: Body) -> CameraMount:

@@ -21,7 +21,7 @@ class ForceTorqueConfig(ActuatorTable, tag="force_torque", kw_only=True, frozen=
     max_torque_Nm: NonNegative = 0.0
 
     def nudge(self, mass_kg: float) -> str:
-        """A third of its weight, down."""
+        """Return a force of a third of the weight, down, but of at most half of the limit."""
         force = 0.3 * 9.8 * mass_kg
         limit = self.max_force_N or force
         return f"force_B='[0,0,{round(min(force, 0.5 * limit)):d}]'"

@@ -23,7 +23,7 @@ class LampsConfig(ActuatorTable, tag="lamps", kw_only=True, frozen=True):
     level: Probability = 0.0
 
     def devices(self) -> Devices:
-        """The lamps."""
+        """Return the lamps."""
         return Devices("lamps", "lamp", "levels", self.members, is_vector=True)
 
     def build(self, body: Body) -> Lamps:

@@ -40,7 +40,7 @@ class OneServo(ActuatorTable, kw_only=True, frozen=True):
     member: Name
 
     def devices(self) -> Devices:
-        """The servo."""
+        """Return the part that the servo moves."""
         return Devices(self.moved.table, self.moved.noun, self.moved.field, (self.member,))
 
     def build(self, body: Body) -> Servos:
@@ -136,7 +136,7 @@ class FinsConfig(ActuatorTable, tag="fins", kw_only=True, frozen=True):
     members: Annotated[tuple[Name, ...], Meta(min_length=1)] | None = None
 
     def devices(self) -> Devices:
-        """The fins."""
+        """Return the fins."""
         return Devices(_FIN.table, _FIN.noun, _FIN.field, self.members or (), is_vector=True)
 
     def build(self, body: Body) -> Servos:

@@ -29,7 +29,7 @@ class ThrustersConfig(ActuatorTable, tag="thrusters", kw_only=True, frozen=True)
     input: Literal["u", "force"] = "u"
 
     def devices(self) -> Devices:
-        """The thrusters."""
+        """Return the thrusters."""
         return Devices("thrusters", "thruster", _FIELDS[self.input], self.members or (), is_vector=True)
 
     def build(self, body: Body) -> Thrusters:
@@ -55,7 +55,7 @@ class ThrusterConfig(ActuatorTable, tag="thruster", kw_only=True, frozen=True):
     input: Literal["u", "force"] = "u"
 
     def devices(self) -> Devices:
-        """The thruster."""
+        """Return the thruster."""
         return Devices("thrusters", "thruster", _FIELDS[self.input], (self.member,))
 
     def build(self, body: Body) -> Thrusters:

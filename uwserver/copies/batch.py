@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwserver.copies.commands import Commands
-from uwserver.copies.copy import Copy, Memory
+from uwserver.copies.copy import Copy, Memory, draws_in_python, measured_of
 from uwserver.copies.parameters import Parameters
 from uwserver.copies.readings import Readings, described
-from uwserver.copies.start import draws_in_python, measured_of
 from uwserver.copies.steps import Steps
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.layout import STATE_SIZE
@@ -59,7 +58,7 @@ class Batch:
         parameters: Mapping[str, Any] | None = None,
         threads: int = 1,
     ) -> None:
-        """Make the copies of a scenario that `admission` has accepted.
+        """Make the copies of a scenario that `copies.start.check` has accepted.
 
         Args:
             build: makes a world with a seed.

@@ -11,17 +11,20 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from uwserver.autopilot.status import StateSensor
 from uwserver.physics.collision.contacts import NO_IMPULSES
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray
 from uwserver.physics.kernel.layout import Forms
 from uwserver.physics.kernel.team import ALONE
 from uwserver.ports import Refused
+from uwserver.sensors.base import IdealSensor, Sensor
 from uwserver.sensors.compiled import CompiledSensor, SensorKernel
 from uwserver.step import rows
 from uwserver.step.rows import DONE
 from uwserver.step.streams import ENTRY
 from uwserver.world.part import Part, State
+from uwserver.world.piloting import Piloting
 from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.stepping import next_tick
 from uwserver.world.world import World
@@ -203,6 +206,9 @@ def _stateful(part: Part) -> bool:
     return part.path not in _STATELESS
 
 
+# -- memory -----------------------------------------------------------------------------------------------------------------------------
+
+
 LINE = 64
 """Bytes of a memory line, which the processor fetches together."""
 
@@ -239,3 +245,34 @@ class Memory:
 def lines(count: int) -> int:
     """Return the bytes of the whole lines that hold `count` bytes."""
     return -(-count // LINE) * LINE
+
+
+def measured_of(world: World, sensors: Collection[str] | None) -> tuple[str, ...]:
+    """Return the paths of the sensors that measure in the copies of a world.
+
+    Args:
+        world: one of the copies.
+        sensors: the sensors that the caller wants; None for all except those that show the state of an autopilot, which is mostly text.
+    """
+    pilots = [part.pilot for part in world.parts.values() if isinstance(part, Piloting)]
+    heard = {port for pilot in pilots for port in (*pilot.craft.hearing.ports, *pilot.craft.hearing.in_words)}
+    found = {
+        path
+        for path, slot in world.sensors.items()
+        if slot.sensor.supplies  # as a battery, which supplies the thrusters
+        or any(stream.port.path in heard for stream in slot.streams)
+        or (path in sensors if sensors is not None else not isinstance(slot.sensor, StateSensor))
+    }
+    left = [*found]
+    while left:
+        path = left.pop()
+        vehicle = path.partition("/")[0]
+        needed = {f"{vehicle}/{name}" for name in world.sensors[path].sensor.needs} - found
+        found |= needed
+        left += needed
+    return tuple(path for path in world.sensors if path in found)
+
+
+def draws_in_python(sensor: Sensor) -> bool:
+    """Return whether a sensor draws its own random errors in Python."""
+    return not (isinstance(sensor, BankSensor | IdealSensor | StateSensor) or sensor.repeats)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,6 @@ from uwserver.copies.parameters import PARAMETERS
 from uwserver.modifiers.columns import Columns
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.ports import Field, Port
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from uwserver.ports import Port
 
 
 class Readings(Mapping[str, NDArray[Any]]):
@@ -59,8 +54,7 @@ class Readings(Mapping[str, NDArray[Any]]):
     @property
     def valid(self) -> NDArray[np.bool_]:
         """(n) whether there is a sample, and the sensor could measure."""
-        valid: NDArray[np.bool_] = self.stamps[:, 3] != 0
-        return valid
+        return np.asarray(self.stamps[:, 3] != 0)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         field, place = self._places[name]

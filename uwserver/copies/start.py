@@ -1,6 +1,6 @@
 """Makes a batch from a resolved scenario.
 
-It decides which scenarios can be copied, and which sensors measure in the copies. What a batch cannot do is refused by its name.
+It decides which scenarios can be copied. What a batch cannot do is refused by its name.
 """
 
 from __future__ import annotations
@@ -9,19 +9,14 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from uwserver.autopilot.status import StateSensor
 from uwserver.copies.batch import Batch
 from uwserver.copies.steps import threads_for
 from uwserver.ports import Refused
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import DEFAULT_ADAPTER
-from uwserver.sensors.bank import BankSensor
-from uwserver.sensors.base import IdealSensor, Sensor
 from uwserver.sensors.modem import Modem
 from uwserver.world.builds import prepare, progress
-from uwserver.world.piloting import Piloting
-from uwserver.world.sensor_slot import SensorSlot
 from uwserver.world.world import World
 
 
@@ -40,7 +35,7 @@ def begin(
         n, seeds, sensors, parameters, threads: as for `uwserver.batch`.
 
     Raises:
-        Refused: less than one copy, another number of seeds, refused by `admission.check`, no such sensor or parameter, or a wrong number
+        Refused: less than one copy, another number of seeds, a scenario that `check` refuses, no such sensor or parameter, or a wrong number
             of threads.
     """
     if n < 1:
@@ -82,40 +77,6 @@ def check(resolved: Resolved, world: World) -> None:
     if faults:
         text = "; ".join(f"{what}: {', '.join(names)}" for what, names in faults)
         raise Refused("denied", f"{resolved.name} cannot be copied: it has {text}. Take them out of the scenario.")
-
-
-def measured_of(world: World, sensors: Collection[str] | None) -> tuple[str, ...]:
-    """Return the paths of the sensors that measure in the copies of a world.
-
-    Args:
-        world: one of the copies.
-        sensors: the sensors that the caller wants; None for all except those that show the state of an autopilot, which is mostly text.
-    """
-    pilots = [part.pilot for part in world.parts.values() if isinstance(part, Piloting)]
-    heard = {port for pilot in pilots for port in (*pilot.craft.hearing.ports, *pilot.craft.hearing.in_words)}
-    found = {
-        path
-        for path, slot in world.sensors.items()
-        if _acts(slot, heard) or (path in sensors if sensors is not None else not isinstance(slot.sensor, StateSensor))
-    }
-    left = [*found]
-    while left:
-        path = left.pop()
-        vehicle = path.partition("/")[0]
-        needed = {f"{vehicle}/{name}" for name in world.sensors[path].sensor.needs} - found
-        found |= needed
-        left += needed
-    return tuple(path for path in world.sensors if path in found)
-
-
-def draws_in_python(sensor: Sensor) -> bool:
-    """Return whether a sensor draws its own random errors in Python."""
-    return not (isinstance(sensor, BankSensor | IdealSensor | StateSensor) or sensor.repeats)
-
-
-def _acts(slot: SensorSlot, heard: Collection[str]) -> bool:
-    """Return whether the readings of a sensor affect the run: a battery supplies the thrusters, and autopilots use readings."""
-    return slot.sensor.supplies or any(stream.port.path in heard for stream in slot.streams)
 
 
 def _adapters(resolved: Resolved) -> Iterator[str]:

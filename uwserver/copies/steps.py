@@ -45,8 +45,7 @@ class Steps:
     @property
     def ticks(self) -> IntArray:
         """(n) ticks of each copy since its start."""
-        ticks: IntArray = self.rows["tick"].copy()
-        return ticks
+        return np.array(self.rows["tick"], np.int64)
 
     def find(self, i: int) -> None:
         """Find the arrays and the tick of a copy again."""
@@ -67,9 +66,8 @@ class Steps:
                 stopped = which[self.rows["why"][which] != rows.DONE].tolist()
                 told.update(i for i in stopped if self.why(i) not in QUIET)
                 which = np.array([i for i in stopped if self._goes_on(i)], np.int64)
-        except (
-            BaseException
-        ):  # Also after Ctrl-C: the rest of these ticks is not made, as in a single world that is interrupted.
+        except BaseException:
+            # Also after Ctrl-C: the rest of these ticks is not made, as in a single world that is interrupted.
             for i in which.tolist():
                 self._copies[i].world.stepping.end(rows.DONE)
                 self._copies[i].begin()
@@ -96,6 +94,9 @@ class Steps:
         finally:
             self.find(i)
         return True
+
+
+# -- threads ----------------------------------------------------------------------------------------------------------------------------
 
 
 MOST_THREADS = 16

@@ -6,8 +6,9 @@ A modifier never changes frames.
 from __future__ import annotations
 
 from uwserver.modifiers.base import Measurement, Memory, Modifier, ModifierTable, Stream
-from uwserver.modifiers.bias import Bias, Drift, RandomWalk, Scale
+from uwserver.modifiers.bias import Bias, Scale
 from uwserver.modifiers.delivery import ClockDrift, Delay, Dropout, Reorder
+from uwserver.modifiers.drift import Drift, RandomWalk
 from uwserver.modifiers.misalignment import Misalignment
 from uwserver.modifiers.noise import GaussMarkov, Outlier, WhiteNoise
 from uwserver.modifiers.quantise import Quantise, Saturate

@@ -1,4 +1,4 @@
-"""What a modifier is: a seeded change of one stream of a sensor, between the ideal value and the sample."""
+"""The contract of a modifier: a seeded change of one stream of a sensor, between the ideal value and the sample."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class Draws:
 
 @dataclass
 class Stream:
-    """What a modifier knows of the stream that it changes.
+    """The stream that a modifier changes.
 
     Attributes:
         fields: of the port.
@@ -174,7 +174,7 @@ class Modifier(ABC):
 
 
 def plain_of(row: Any, kind: type[Struct]) -> dict[str, Any]:
-    """Fields of a record of numpy as plain values, nested as those of a typed record."""
+    """Return the fields of a numpy record as plain values, nested like the fields of a typed record of type `kind`."""
     plain: dict[str, Any] = {}
     for name, inner in _fields(kind):
         plain[name] = row[name].tolist() if inner is None else plain_of(row[name], inner)
@@ -183,13 +183,16 @@ def plain_of(row: Any, kind: type[Struct]) -> dict[str, Any]:
 
 @cache
 def _fields(kind: type[Struct]) -> tuple[tuple[str, type[Struct] | None], ...]:
-    """Of a typed record by name, and the type of those that are records; found once, as msgspec reads the source of types each time."""
+    """Return the fields of a typed record: the name of each, and its type if it is a record itself.
+
+    They are cached, because msgspec evaluates the annotations each time.
+    """
     types = [(field.name, field.type) for field in structs.fields(kind)]
     return tuple((name, t if isinstance(t, type) and issubclass(t, Struct) else None) for name, t in types)
 
 
 def write_record(row: Any, record: Struct) -> None:
-    """Write a typed record into one of numpy with the same names."""
+    """Write a typed record into a numpy record with the same names."""
     for name in record.__struct_fields__:
         value = getattr(record, name)
         if isinstance(value, Struct):

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from uwserver.modifiers.bias import BIAS, DRIFT, SCALE, bias, drift, scale
+from uwserver.modifiers.bias import BIAS, SCALE, bias, scale
 from uwserver.modifiers.delivery import CLOCK_DRIFT, DELAY, DROPOUT, REORDER, clock_drift, delay, dropout, reorder
+from uwserver.modifiers.drift import DRIFT, drift
 from uwserver.modifiers.misalignment import MISALIGNMENT, misalign
 from uwserver.modifiers.noise import GAUSS_MARKOV, OUTLIER, WHITE, gauss_markov, outlier, white
 from uwserver.modifiers.operations import OPERATION, READING

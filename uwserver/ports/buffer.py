@@ -9,14 +9,12 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import msgspec
+import numpy as np
 from msgspec import Struct
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 Dtype = Literal["uint8", "int8", "uint16", "int16", "uint32", "int32", "float32", "float64"]
 """Type of an item, little-endian."""
@@ -79,16 +77,12 @@ class Buffer(
 
     def array(self) -> NDArray[Any]:
         """Return the items in their shape, as a read-only view of the bytes. Plain bytes are uint8 with one dimension."""
-        import numpy as np
-
         if not self.dtype:
             return np.frombuffer(self.data, np.uint8)
         return np.frombuffer(self.data, _numpy(self.dtype)).reshape(self.shape)
 
     def is_finite(self) -> bool:
         """Return whether every item is a finite number."""
-        import numpy as np
-
         return not self.dtype.startswith("float") or bool(np.isfinite(self.array()).all())
 
     def __repr__(self) -> str:
@@ -98,8 +92,6 @@ class Buffer(
 
 
 def _numpy(dtype: Dtype) -> np.dtype[Any]:
-    import numpy as np  # imported late: `uwserver --help` imports this module too, and must be quick
-
     return np.dtype(dtype).newbyteorder("<")
 
 

@@ -1,4 +1,4 @@
-"""Standard messages by plain names, which belong to no middleware. Who carries samples elsewhere makes of each the message that is usual there."""
+"""Standard messages by plain names, which belong to no middleware. Each adapter sends them as the messages that its own middleware has for them."""
 
 from __future__ import annotations
 
@@ -41,5 +41,5 @@ STANDARD: Mapping[str, tuple[str, ...]] = {
     ),
     "Wrench": ("force_B", "torque_B"),
 }  # fmt: skip
-"""Name -> the fields that a port has at least which fits it; of `FluidPressure` one of `pressure` and `depth`. Units, frames and what a field means
-are those of the shipped kind with this message. Kinds may name messages that are not here."""
+"""The fields that a port must have to fit a message, by the name of the message; for `FluidPressure`, one of `pressure` and `depth`. Units, frames and
+meanings of the fields are those of the shipped kind with this message. A kind may also name a message that is not listed here."""

@@ -25,7 +25,7 @@ from uwserver.scenario.files.errors import KeyPath, dotted, suggestion
 from uwserver.scenario.load.checks import check_faults, check_scenario
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.solids.archive import pack, unpack
-from uwserver.scenario.solids.shapes import Materials, seabed_solid
+from uwserver.scenario.solids.shapes import seabed_solid
 from uwserver.scenario.solids.tables import FlatSeabed
 from uwserver.scenario.vehicle.checks import check_autopilot, check_vehicle
 from uwserver.scenario.vehicle.entry import VehicleEntry
@@ -249,12 +249,10 @@ def _with_seabed(whole: dict[str, Any], packed: str) -> str:
     if whole["scenario"]["seabed"].get("kind") != "flat":
         raise BadChange("seabed: a replay can only change to a flat seabed: run the scenario itself with another file")
     table = msgspec.convert(whole["scenario"]["seabed"], FlatSeabed)
-    materials = Materials()
-    for name in whole["materials"]:
-        materials.number(name)
+    materials = {name: number for number, name in enumerate(whole["materials"])}
     solids = unpack(packed)
     solids["static/seabed"] = seabed_solid(table, Path(), None, materials)
-    whole["materials"] = materials.names
+    whole["materials"] = tuple(materials)
     return pack(solids)
 
 

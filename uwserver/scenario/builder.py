@@ -144,8 +144,7 @@ class ScenarioBuilder:
         """Return the scenario; the builder can be used further."""
         adapters = self._installed or {}
         tree = self._checked(lambda report: scenario_tree(self._raw, adapters, Converter(report, self._more)))
-        scenario: Scenario = tree.value
-        return scenario
+        return tree.value  # type: ignore[no-any-return]  # a Scenario, as nothing was reported
 
     def _sensor(self, vehicle: str, sensor: str) -> KeyPath:
         """Return the path of a sensor's table: in the scenario, or in the tables that override the vehicle file."""

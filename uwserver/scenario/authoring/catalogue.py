@@ -138,6 +138,9 @@ def _plain(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(list(value) if isinstance(value, tuple) else value)
 
 
+# -- JSON Schemas -----------------------------------------------------------------------------------------------------------------------
+
+
 FileKind = Literal["scenario", "vehicle", "device"]
 FILES: dict[FileKind, type[msgspec.Struct]] = {"scenario": Scenario, "vehicle": VehicleFile, "device": ThrusterDevice}
 

@@ -86,6 +86,9 @@ def starter(name: str, vehicle: str) -> str:
     return _TEXT.format(name=name, title=json.dumps(name), vehicle=json.dumps(vehicle, ensure_ascii=False))
 
 
+# -- vehicle files ----------------------------------------------------------------------------------------------------------------------
+
+
 SEA_WATER = 1025.0
 """Density in which a vehicle of unknown mass is assumed to be neutral, kg/m3."""
 

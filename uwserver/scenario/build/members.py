@@ -267,6 +267,9 @@ def _corners(placed: Placed) -> FloatArray:
     return points @ placed.R.T + placed.p
 
 
+# -- external vehicles ------------------------------------------------------------------------------------------------------------------
+
+
 STATE_RATE_HZ = 10
 """Rate of `state` and `difference`, or the highest rate below it that divides the physics rate."""
 

@@ -186,6 +186,9 @@ def _end(text: str) -> tuple[int, int]:
     return text.count("\n") + 1, len(text) - text.rfind("\n")
 
 
+# -- merging raw tables -----------------------------------------------------------------------------------------------------------------
+
+
 def named(raw: Mapping[str, Any], table: str) -> dict[str, Any]:
     """Return the table of this name; an empty one if it is missing or not a table."""
     found = raw.get(table)
@@ -199,6 +202,9 @@ def merged(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, An
         below = whole.get(key)
         whole[key] = merged(below, value) if isinstance(value, dict) and isinstance(below, dict) else value
     return whole
+
+
+# -- opening files ----------------------------------------------------------------------------------------------------------------------
 
 
 NOT_PLAIN = "it is not a regular file (but a folder, a pipe or a device)"

@@ -107,6 +107,9 @@ def suggestion(word: str, allowed: Sequence[str], lead: str = "; allowed: ") -> 
     return did_you_mean(word, allowed) or f"{lead}{', '.join(allowed) or 'none'}"
 
 
+# -- types and values in words ----------------------------------------------------------------------------------------------------------
+
+
 def expected(type_: Any) -> str:
     """Describe what a value of this type looks like in a file, limits included: ``a number greater than 0``."""
     return _expected(mi.type_info(type_))

@@ -69,6 +69,9 @@ def _check_ports(scenario: Scenario, warn: Report) -> None:
         taken.setdefault(port, f"adapters.{name}")
 
 
+# -- faults -----------------------------------------------------------------------------------------------------------------------------
+
+
 def check_faults(scenario: Node, vehicles: Mapping[str, VehicleFile], environment: Environment, report: Report) -> None:
     """Check targets, members and sizes of all faults, once all vehicles could be read; `vehicles` by table."""
     targets = _targets(scenario, vehicles, environment)
@@ -109,6 +112,9 @@ def _targets(scenario: Node, vehicles: Mapping[str, VehicleFile], environment: E
         M_RB, r_g = matrices(vehicle).M_RB, vehicle.rigid_body.center_of_mass_frd_m
         hulls[name] = Hull(M_RB, r_g, vehicle.buoyancy.volume_m3, water)
     return Targets(hulls, thrusters, tuple(sensors))
+
+
+# -- numbers of things ------------------------------------------------------------------------------------------------------------------
 
 
 MOST_BODIES = 2000

@@ -14,7 +14,7 @@ from uwserver.scenario.files.convert import fields
 from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.solids.archive import pack
-from uwserver.scenario.vehicle.external import Following
+from uwserver.scenario.vehicle.entry import Following
 from uwserver.scenario.vehicle.tracks import pack as pack_tracks
 
 _NUMBERS = re.compile(r"\[\n(?:\s+[-+.\w]+,\n)+\s*\]")

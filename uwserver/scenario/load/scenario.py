@@ -27,8 +27,7 @@ from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.checks import check_autopilot, check_vehicle
 from uwserver.scenario.vehicle.component_checks import check_actuators, traits_of
 from uwserver.scenario.vehicle.devices import check_device, check_profile, expanded
-from uwserver.scenario.vehicle.entry import MergedFile, VehicleEntry, check_names, entries, merged_file
-from uwserver.scenario.vehicle.external import check_external
+from uwserver.scenario.vehicle.entry import MergedFile, VehicleEntry, check_external, check_names, entries, merged_file
 from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.scenario.vehicle.tracks import read_track
 from uwserver.scenario.world.tables import Environment, WorldTable
@@ -161,7 +160,7 @@ class _Load:
         vehicles = {vehicle.name: vehicle for group in by_table.values() for vehicle in group}
         scenario = msgspec.structs.replace(scenario, vehicles={name: each.entry for name, each in vehicles.items()})
         path, solids, problems = self._document.path, self._solids, _in_order(self._problems)
-        name, materials = path.stem if path else self._document.label, solids.materials.names
+        name, materials = path.stem if path else self._document.label, tuple(solids.materials)
         looks = {thing: data for (table, thing), data in solids.looks.items() if table == "structures"}
         return Resolved(
             name, scenario, vehicles, path, problems, solids.static, solids.objects, materials, missing, looks
@@ -253,8 +252,7 @@ class _Load:
             return None
         tree = self._converter(document).tree(document.raw, ThrusterDevice)
         check_device(tree, self._report(document))
-        device: ThrusterDevice | None = tree.value
-        return device
+        return tree.value  # type: ignore[no-any-return]  # a ThrusterDevice, or None
 
     def _read_model(self, path: Path | None) -> Document | None:
         """Return a vehicle file with its sensors' device files filled in; the same raw tables each time, so that they are converted once."""
@@ -299,12 +297,11 @@ class _Load:
 
 
 def _without_disabled(vehicle: VehicleFile) -> VehicleFile:
-    enabled: VehicleFile = msgspec.structs.replace(
+    return msgspec.structs.replace(
         vehicle,
         sensors={name: sensor for name, sensor in vehicle.sensors.items() if sensor.enabled},
         actuators={name: actuator for name, actuator in vehicle.actuators.items() if actuator.enabled},
     )
-    return enabled
 
 
 def _in_order(problems: Iterable[Problem]) -> tuple[Problem, ...]:

@@ -62,7 +62,7 @@ class SolidFiles:
         self.vehicles: dict[str, Solid] = {}
         self.ghosts: dict[str, Solid] = {}
         self.looks: dict[tuple[str, str], bytes] = {}
-        self.materials = Materials()
+        self.materials: Materials = {}
         self._scenario, self._report = scenario, report
         self._folder = document.folder
         self._reported = False

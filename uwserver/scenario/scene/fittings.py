@@ -32,7 +32,7 @@ def actuator_views(name: str, resolved: ResolvedVehicle, params: BodyParams) -> 
     file = resolved.vehicle
     ports = dict(commanded(name, file))
     views = []
-    for table, view in (*_thrusters(resolved, params), *_fins(file), *_others(file)):
+    for table, view in _uncommanded(resolved, params):
         port, index = ports.get(f"{table}.{view.name}", (None, None))
         views.append(structs.replace(view, port=port, index=index))
     return tuple(views)
@@ -62,37 +62,26 @@ def commanded(name: str, file: VehicleFile) -> Iterator[tuple[str, Place]]:
                 yield f"{devices.table}.{member}", (path, k if devices.is_vector else None)
 
 
-def _thrusters(resolved: ResolvedVehicle, params: BodyParams) -> Iterator[tuple[str, ActuatorView]]:
-    for thruster, (key, table) in zip(params.thrusters, resolved.vehicle.thrusters.items(), strict=True):
+_SMALL_FIN_M2 = 0.0064
+_ASPECT = 2.0
+"""Area (m2) and aspect ratio of a fin whose table gives neither."""
+
+
+def _uncommanded(resolved: ResolvedVehicle, params: BodyParams) -> Iterator[tuple[str, ActuatorView]]:
+    """Yield all actuators in their order, each with its table in the vehicle file, and without the port that commands it."""
+    file = resolved.vehicle
+    for thruster, (key, table) in zip(params.thrusters, file.thrusters.items(), strict=True):
         ahead, astern = full_thrust(thruster)
         yield "thrusters", ActuatorView(
             key, "thruster", table.position_frd_m, unit(table.axis_frd), diameter=resolved.devices[key].propeller.diameter_m,
             handedness=table.handedness, low=-astern, high=ahead, unit="N",
         )  # fmt: skip
-
-
-def _fins(file: VehicleFile) -> Iterator[tuple[str, ActuatorView]]:
     for key, fin in file.fins.items():
         limit = rad(fin.limit_deg)
         yield "fins", ActuatorView(
             key, "fin", fin.position_frd_m, unit(fin.hinge_frd), chord=unit(fin.chord_frd), span=_span(fin),
             low=-limit, high=limit, unit="rad",
         )  # fmt: skip
-
-
-def _span(fin: Fin) -> float:
-    """Return the span of a fin. If the file gives only derivatives, it is that of a small fin."""
-    if not isinstance(fin.span_m, UnsetType):
-        return fin.span_m
-    area = fin.area_m2 or _SMALL_FIN_M2
-    return math.sqrt(area * (_ASPECT if isinstance(fin.aspect_ratio, UnsetType) else fin.aspect_ratio))
-
-
-_SMALL_FIN_M2 = 0.0064
-_ASPECT = 2.0
-
-
-def _others(file: VehicleFile) -> Iterator[tuple[str, ActuatorView]]:
     for key, propeller in file.propellers.items():
         most = propeller.max_speed_radps
         yield "propellers", ActuatorView(
@@ -103,19 +92,16 @@ def _others(file: VehicleFile) -> Iterator[tuple[str, ActuatorView]]:
         low, high = ballast.min_volume_m3, ballast.max_volume_m3
         yield "ballasts", ActuatorView(key, "ballast", ballast.position_frd_m, low=low, high=high, unit="m^3")
     for key, mass in file.moving_masses.items():
-        low, high = mass.min_position_m, mass.max_position_m
-        yield (
-            "moving_masses",
-            ActuatorView(
-                key,
-                "moving_mass",
-                (0.0, 0.0, 0.0),
-                unit(mass.axis_frd),
-                low=low,
-                high=high,
-                unit="m",
-            ),
-        )
+        low, high, axis = mass.min_position_m, mass.max_position_m, unit(mass.axis_frd)
+        yield "moving_masses", ActuatorView(key, "moving_mass", (0.0, 0.0, 0.0), axis, low=low, high=high, unit="m")
+
+
+def _span(fin: Fin) -> float:
+    """Return the span of a fin. If the file gives only derivatives, it is that of a small fin."""
+    if not isinstance(fin.span_m, UnsetType):
+        return fin.span_m
+    area = fin.area_m2 or _SMALL_FIN_M2
+    return math.sqrt(area * (_ASPECT if isinstance(fin.aspect_ratio, UnsetType) else fin.aspect_ratio))
 
 
 def sensor_views(name: str, file: VehicleFile) -> tuple[SensorView, ...]:

@@ -41,7 +41,7 @@ from uwserver.scenario.scene.fittings import actuator_views, beacon_views, lamp_
 from uwserver.scenario.scene.shapes import Meshes, displaced_shapes, shape_views
 from uwserver.scenario.solids.looks import OBJECT, SEABED, STRUCTURE, VEHICLE
 from uwserver.scenario.vehicle.body import body_params
-from uwserver.scenario.vehicle.external import COLOURS
+from uwserver.scenario.vehicle.entry import COLOURS
 from uwserver.units import rad
 from uwserver.world.world import World
 

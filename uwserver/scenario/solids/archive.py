@@ -87,5 +87,4 @@ def _shape_from(kind: type[Any], table: dict[str, Any]) -> Shape:
             dtype, shape, data = value
             value = np.frombuffer(data, np.dtype(dtype)).reshape(shape)
         values[field.name] = tuple(value) if isinstance(value, list) else value
-    made: Shape = kind(**values)
-    return made
+    return kind(**values)  # type: ignore[no-any-return]  # a Shape

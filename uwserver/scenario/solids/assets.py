@@ -162,6 +162,9 @@ def _volume(vertices: FloatArray, faces: IntArray) -> float:
     return float(np.einsum("ij,ij->", np.cross(a, b), c)) / 6.0
 
 
+# -- declared sizes ---------------------------------------------------------------------------------------------------------------------
+
+
 MOST_TRIANGLES = 2_000_000
 MOST_BYTES = 500_000_000
 _MOST_VERTICES = 3 * MOST_TRIANGLES

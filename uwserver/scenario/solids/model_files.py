@@ -132,6 +132,9 @@ def _whole(table: dict[str, Any], name: str) -> int:
     return number
 
 
+# -- colours ----------------------------------------------------------------------------------------------------------------------------
+
+
 Colour = tuple[float, float, float]
 """Red, green, blue, linear, 0..1."""
 

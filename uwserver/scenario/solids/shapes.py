@@ -29,20 +29,8 @@ from uwserver.sensors.base import Pose
 Warn = Callable[[str], None]
 
 
-class Materials:
-    """Numbers of materials by name, in the order of their first use."""
-
-    def __init__(self) -> None:
-        self._numbers: dict[str, int] = {}
-
-    def number(self, name: str) -> int:
-        """Return the number of a material; a new name gets the next number."""
-        return self._numbers.setdefault(name, len(self._numbers))
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the materials in the order of their numbers."""
-        return tuple(self._numbers)
+Materials = dict[str, int]
+"""Numbers of materials by name, in the order of their first use."""
 
 
 def missing_engines(engine: str = AUTO) -> str | None:
@@ -107,7 +95,8 @@ def object_solid(name: str, table: ObjectEntry, materials: Materials) -> Solid:
 def _solid(name: str, shapes: tuple[Placed, ...], contact: Contact, materials: Materials) -> Solid:
     for placed in shapes:
         check_shape(placed.shape)
-    return Solid(name, shapes, contact.friction, contact.restitution, materials.number(contact.material))
+    number = materials.setdefault(contact.material, len(materials))
+    return Solid(name, shapes, contact.friction, contact.restitution, number)
 
 
 def _shapes(table: Any, folder: Path, warn: Warn) -> tuple[Shape, ...]:

@@ -72,7 +72,7 @@ def _fin_servo(name: str, fin: Fin) -> ServoParams:
 
 
 def lift_slope(foil: Foil) -> float:
-    """Return dC_L/dalpha, 1/rad, of a foil with a slope or an aspect ratio (`appendage_checks` ensures one)."""
+    """Return dC_L/dalpha, 1/rad, of a foil with a slope or an aspect ratio (`vehicle.checks` ensures one)."""
     if not isinstance(foil.lift_slope_prad, UnsetType):
         return foil.lift_slope_prad
     ratio = 0.0 if isinstance(foil.aspect_ratio, UnsetType) else foil.aspect_ratio

@@ -20,7 +20,7 @@ from uwserver.scenario.files.errors import KeyPath, suggestion
 from uwserver.scenario.vehicle.appendage_tables import Foil, Hull, ShaftPropeller
 from uwserver.scenario.vehicle.appendages import TERM, quadrant_series
 from uwserver.scenario.vehicle.body import buoyancy_and_weight, matrices
-from uwserver.scenario.vehicle.component_checks import check_mount, check_sensor, enabled
+from uwserver.scenario.vehicle.component_checks import check_sensor, enabled
 from uwserver.scenario.vehicle.tables import AddedMass, Buoyancy, Damping, RigidBody, VehicleFile
 from uwserver.scenario.world.checks import check_rate
 from uwserver.scenario.world.tables import Environment, WorldTable
@@ -54,7 +54,7 @@ def check_vehicle(
     check_appendages(vehicle, report)
     _check_names(vehicle, report)
     for name, lamp in vehicle.values("lamps").items():
-        check_mount(vehicle, lamp.mount, ("lamps", name, "mount"), report)
+        check_known(lamp.mount, vehicle.names("mounts"), "mount", ("lamps", name, "mount"), report)
     for name, sensor in vehicle.values("sensors").items():
         if sensor.enabled:
             check_sensor(vehicle, name, sensor, world, report)
@@ -160,6 +160,9 @@ def _check_names(vehicle: Node, report: Report) -> None:
             report((table, name), f'the server itself uses paths with "{name}": choose another name')
 
 
+# -- appendages -------------------------------------------------------------------------------------------------------------------------
+
+
 _DERIVATIVE = "an axis of XYZKMN and two velocities of uvwpqr"
 
 
@@ -256,6 +259,9 @@ def _check_terms(terms: Mapping[str, float], turned: bool, path: KeyPath, report
         if match is None or bool(match[4]) != turned:
             example = ", then d or dd for the angle, such as Yuud" if turned else ", such as Yur"
             report((*path, term), f'"{term}" is not a derivative: write {_DERIVATIVE}{example}')
+
+
+# -- autopilot --------------------------------------------------------------------------------------------------------------------------
 
 
 def check_autopilot(

@@ -25,11 +25,6 @@ from uwserver.sensors import Pose, Sensor, SensorConfig, SensorTable, Traits
 from uwserver.world.services import SENSOR_SERVICES
 
 
-def check_mount(vehicle: Node, mount: str, path: KeyPath, report: Report) -> None:
-    """Report a mount that the vehicle does not have."""
-    check_known(mount, vehicle.names("mounts"), "mount", path, report)
-
-
 def enabled(vehicle: Node, table: str) -> tuple[str, ...]:
     """Return the names of the enabled sensors or actuators of a vehicle; one that has errors counts as enabled."""
     parts = vehicle.at(table).parts.items()
@@ -53,7 +48,7 @@ def check_sensor(vehicle: Node, name: str, sensor: SensorConfig, world: WorldTab
             _check_origin(world, path, report)
     _check_named(vehicle, traits, path, report)
     if isinstance(sensor.mount, str):
-        check_mount(vehicle, sensor.mount, (*path, "mount"), report)
+        check_known(sensor.mount, vehicle.names("mounts"), "mount", (*path, "mount"), report)
         for key in ("position_frd_m", "rpy_deg"):
             if key in vehicle.at("sensors", name).parts:
                 report(
@@ -174,6 +169,9 @@ def _check_modifier(
         report(path, str(error))
     except Exception as error:  # noqa: BLE001 - code of the user may fail in any way
         report(path, not_built(modifier, error))
+
+
+# -- actuators --------------------------------------------------------------------------------------------------------------------------
 
 
 def check_actuators(

@@ -122,6 +122,9 @@ def _put(raw: dict[str, Any], path: KeyPath, value: Any) -> None:
     raw[str(path[-1])] = value
 
 
+# -- thrusters --------------------------------------------------------------------------------------------------------------------------
+
+
 def check_device(device: Node, report: Report) -> None:
     """Check the force curves, their shape, and the lag; values that have errors already are skipped."""
     shape: Shape | None = device.at("shape").value

@@ -22,7 +22,7 @@ from uwserver.logfiles.rules import commanded, mapping_of
 from uwserver.physics.kernel.arrays import IntArray
 from uwserver.scenario.files.errors import closest
 from uwserver.scenario.solids.archive import compressed, decompressed
-from uwserver.scenario.vehicle.external import Following
+from uwserver.scenario.vehicle.entry import Following
 from uwserver.scenario.world.earth import instant, nanoseconds
 from uwserver.units import NANOSECONDS
 from uwserver.world.external.motion import Kind, Motion

@@ -71,6 +71,9 @@ def check_time(world: WorldTable, report: Report) -> None:
         report(("world", "clock", "lockstep_clients"), "a client is named twice: remove one")
 
 
+# -- water, currents and waves ----------------------------------------------------------------------------------------------------------
+
+
 DENSITY_TOLERANCE = 0.005
 """Relative difference by which density_kgpm3 may lie outside the densities of the water column, so that a rounded density is no error."""
 DENSITY_DOUBT = 0.003

@@ -39,6 +39,9 @@ def year_of(at: datetime) -> float:
     return at.year + (at - start) / (end - start)
 
 
+# -- magnetic field ---------------------------------------------------------------------------------------------------------------------
+
+
 WMM_YEARS = (2025, 2030)
 """First year of the model, and the first year after it."""
 _TESLA = 1e-9

@@ -75,6 +75,9 @@ class WorldTable(Table, kw_only=True, frozen=True):
         return self.origin is not None if isinstance(self.earth, UnsetType) else self.earth == "rotating"
 
 
+# -- environment ------------------------------------------------------------------------------------------------------------------------
+
+
 SEA_WATER_KGPM3 = 1025.0
 """Default density of the water."""
 GRAVITY_MPS2 = 9.81

@@ -14,8 +14,7 @@ from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.scene.scenery import Scenery
 from uwserver.scenario.solids.tables import FlatSeabed
-from uwserver.scenario.vehicle.entry import Copies, VehicleEntry
-from uwserver.scenario.vehicle.external import COLOURS
+from uwserver.scenario.vehicle.entry import COLOURS, Copies, VehicleEntry
 from uwserver.sensors.acoustic.altimeter import AltimeterConfig
 from uwserver.sensors.truth import Truth
 from uwserver.simulation.clock import Timing

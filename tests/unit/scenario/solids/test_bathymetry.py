@@ -11,7 +11,7 @@ import pytest
 
 from uwserver.physics.geometry.shapes import BadSolid
 from uwserver.scenario.solids import bathymetry
-from uwserver.scenario.solids.bathymetry import Array, Grid, NoArray, read_grid, triangulate
+from uwserver.scenario.solids.bathymetry import Array, Grid, read_grid, triangulate
 from uwserver.scenario.solids.tables import GridSeabed
 
 DEPTH = 10.0 + np.arange(12.0).reshape(3, 4)
@@ -251,7 +251,7 @@ VALUES = np.arange(35.0).reshape(5, 7)
 def test_a_part_is_that_of_numpy(order: str, dtype: str, part: tuple[slice, slice], tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.asarray(VALUES, dtype=dtype, order=order))
     with (tmp_path / "a.npy").open("rb") as file:
-        array = Array.of(file)
+        array = Array.of(file, "a.npy")
         found = array.read(file, *part)
     assert array.shape == (5, 7)
     assert found.dtype == dtype
@@ -262,13 +262,13 @@ def test_a_file_that_is_cut_while_it_is_read_is_told(tmp_path: Path) -> None:
     """A mapped one would end the process by a signal."""
     np.save(tmp_path / "a.npy", np.zeros((1000, 100)))
     with (tmp_path / "a.npy").open("rb") as file:
-        array = Array.of(file)
+        array = Array.of(file, "a.npy")
         (tmp_path / "a.npy").open("wb").close()
-        with pytest.raises(NoArray, match="became shorter while it was read"):
+        with pytest.raises(BadSolid, match="became shorter while it was read"):
             array.read(file, slice(500, 1000), slice(0, 100))
 
 
 def test_a_later_version_of_the_format_is_refused_as_what_it_holds(tmp_path: Path) -> None:
     (tmp_path / "a.npy").write_bytes(b"\x93NUMPY\x03\x00" + bytes(100))
-    with (tmp_path / "a.npy").open("rb") as file, pytest.raises(NoArray, match="array of numbers"):
-        Array.of(file)
+    with (tmp_path / "a.npy").open("rb") as file, pytest.raises(BadSolid, match="array of numbers"):
+        Array.of(file, "a.npy")

@@ -37,7 +37,7 @@ HALF = math.sqrt(0.5)
 
 @pytest.fixture
 def materials() -> Materials:
-    return Materials()
+    return {}
 
 
 def structure(materials: Materials, folder: Path = Path(), **keys: Any) -> Any:
@@ -45,8 +45,9 @@ def structure(materials: Materials, folder: Path = Path(), **keys: Any) -> Any:
 
 
 def test_materials_are_numbered_as_they_are_met(materials: Materials) -> None:
-    assert [materials.number(name) for name in ("sand", "steel", "sand", "default")] == [0, 1, 0, 2]
-    assert materials.names == ("sand", "steel", "default")
+    solids = [structure(materials, kind="sphere", radius_m=1, material=name) for name in ("sand", "steel", "sand")]
+    assert [solid.material for solid in solids] == [0, 1, 0]
+    assert materials == {"sand": 0, "steel": 1}
 
 
 @pytest.mark.parametrize(
@@ -82,7 +83,7 @@ def test_a_flat_seabed_is_everything_below_its_depth(materials: Materials) -> No
     (placed,) = solid.shapes
     assert placed.shape == HalfSpace()
     assert (placed.p, placed.q) == ((0.0, 0.0, 12.5), (1.0, 0.0, 0.0, 0.0))
-    assert (solid.name, materials.names[solid.material], solid.restitution) == ("seabed", "mud", 0.2)
+    assert (solid.name, [*materials][solid.material], solid.restitution) == ("seabed", "mud", 0.2)
 
 
 def test_a_grid_lies_beside_the_file_that_names_it(tmp_path: Path, materials: Materials) -> None:
@@ -124,7 +125,7 @@ def test_collision_shapes_sit_on_the_vehicle_and_share_its_surface(tmp_path: Pat
     assert (frame.shape, frame.p) == (Box((0.5, 0.5, 0.5)), (0.1, 0.0, 0.0))
     assert frame.q == pytest.approx((HALF, 0.0, HALF, 0.0))
     assert isinstance(body.shape, ConvexHull)
-    assert (solid.friction, solid.restitution, materials.names[solid.material]) == (0.2, 0.1, "foam")
+    assert (solid.friction, solid.restitution, [*materials][solid.material]) == (0.2, 0.1, "foam")
 
 
 def test_an_object_lies_in_its_own_frame(materials: Materials) -> None:

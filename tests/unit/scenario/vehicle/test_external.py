@@ -11,7 +11,7 @@ import pytest
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.export import explain, to_toml
 from uwserver.scenario.load.scenario import load
-from uwserver.scenario.vehicle.external import Following
+from uwserver.scenario.vehicle.entry import Following
 
 HEAD = 'schema = 1\n[adapters]\n[vehicles.rov]\nmodel = "bluerov2"\ntruth = {}\n'
 
