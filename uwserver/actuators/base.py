@@ -60,7 +60,7 @@ class ActuatorTable(Table, tag_field="kind", kw_only=True, frozen=True):
         return None
 
     def nudge(self, mass_kg: float) -> str:
-        """Return arguments for `uwclient send` that visibly move a vehicle of this mass; "" if the kind has none, or commands parts of the vehicle."""
+        """Return arguments for `uwclient send` that visibly move a vehicle of this mass; "" if the kind has none or commands parts."""
         return ""
 
 

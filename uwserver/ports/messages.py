@@ -41,5 +41,6 @@ STANDARD: Mapping[str, tuple[str, ...]] = {
     ),
     "Wrench": ("force_B", "torque_B"),
 }  # fmt: skip
-"""The fields that a port must have to fit a message, by the name of the message; for `FluidPressure`, one of `pressure` and `depth`. Units, frames and
-meanings of the fields are those of the shipped kind with this message. A kind may also name a message that is not listed here."""
+"""The fields that a port must have to fit a message, by the name of the message; for `FluidPressure`, one of `pressure` and `depth`.
+
+Units, frames and meanings of the fields are those of the shipped kind with this message. A kind may also name a message that is not listed here."""

@@ -61,7 +61,7 @@ def check_plausible(
         objects: by name.
         warn: called for warnings.
     """
-    bodies = [*_vehicle_bodies(scenario, vehicles), *_object_bodies(objects)]
+    bodies = list(_bodies(scenario, vehicles, objects))
     _check_above(bodies, warn)
     _check_apart(bodies, warn)
     for key, group in vehicles.items():
@@ -77,18 +77,17 @@ def check_reachable(scenario: Scenario, warn: Report) -> None:
         )
 
 
-def _vehicle_bodies(scenario: Scenario, vehicles: Mapping[str, Iterable[ResolvedVehicle]]) -> Iterator[_Body]:
-    density = scenario.environment.density
+def _bodies(
+    scenario: Scenario, vehicles: Mapping[str, Iterable[ResolvedVehicle]], objects: Mapping[str, ResolvedObject]
+) -> Iterator[_Body]:
+    """Yield the vehicles and objects that are there at the start; external vehicles are left out, as their poses come from outside."""
     for key, group in vehicles.items():
         for vehicle in group:
             displaced = vehicle.vehicle.buoyancy.volume_m3
             if vehicle.entry.present and displaced > 0.0 and not vehicle.entry.is_external:
-                floats = density * displaced > SURFACE_VESSEL * vehicle.vehicle.rigid_body.mass_kg
-                position = vehicle.entry.position_ned_m
-                yield _Body(("vehicles", key), vehicle.name, position, _radius(displaced), floats)
-
-
-def _object_bodies(objects: Mapping[str, ResolvedObject]) -> Iterator[_Body]:
+                mass = vehicle.vehicle.rigid_body.mass_kg
+                floats = scenario.environment.density * displaced > SURFACE_VESSEL * mass
+                yield _Body(("vehicles", key), vehicle.name, vehicle.entry.position_ned_m, _radius(displaced), floats)
     for name, body in objects.items():
         if body.entry.present:
             yield _Body(("objects", name), name, body.entry.position_ned_m, _radius(volume(body.entry)), True)

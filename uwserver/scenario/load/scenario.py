@@ -26,7 +26,7 @@ from uwserver.scenario.load.solids import SolidFiles
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.checks import check_autopilot, check_vehicle
 from uwserver.scenario.vehicle.component_checks import check_actuators, traits_of
-from uwserver.scenario.vehicle.devices import check_device, check_profile, expanded
+from uwserver.scenario.vehicle.devices import check_device, check_profile, fill_in_profiles
 from uwserver.scenario.vehicle.entry import MergedFile, VehicleEntry, check_external, check_names, entries, merged_file
 from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.scenario.vehicle.tracks import read_track
@@ -260,13 +260,14 @@ class _Load:
         return None if file is None else self._with_profiles(file)
 
     def _with_profiles(self, document: Document) -> Document:
-        """Return the file with its sensors' device files filled in."""
+        """Fill the device files of its sensors into a file, and return it."""
         report = self._report(document)
-        return expanded(
-            document,
+        fill_in_profiles(
+            document.raw,
             lambda name, place: self._profile(find(name, "devices", document.folder, partial(report, place))),
             report,
         )
+        return document
 
     def _read_profile(self, path: Path | None) -> Mapping[str, Any] | None:
         """Return the keys that the device file of a sensor gives."""

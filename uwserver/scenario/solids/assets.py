@@ -147,8 +147,7 @@ def _turned(mesh: Any, path: Path, up: Literal["y", "z"] | None, scale: float) -
     faces = np.asarray(mesh.faces, dtype=np.int64)
     if not len(faces):
         raise BadSolid(f'"{path.name}" has no triangles')
-    if len(faces) > MOST_TRIANGLES:
-        raise BadSolid(f'"{path.name}" has {len(faces)} triangles: simplify it to at most {MOST_TRIANGLES}')
+    _check_count(path, "triangles", len(faces), MOST_TRIANGLES)
     axis = up or ("y" if path.suffix.lower() in (".glb", ".gltf") else "z")
     vertices = scale * (np.asarray(mesh.vertices, dtype=np.float64) @ _FROM_UP[axis].T)
     bad = int((~np.isfinite(vertices)).any(axis=1).sum())

@@ -227,10 +227,9 @@ def _shape(shape: BoxShape | SphereShape) -> BuoyancyShape:
 def _rigid_body(body: RigidBody) -> FloatArray:
     if not isinstance(body.inertia_matrix_kgm2, UnsetType):
         inertia = np.array(body.inertia_matrix_kgm2)
-    elif not isinstance(body.inertia_kgm2, UnsetType):
-        inertia = np.diag(body.inertia_kgm2)
     else:
-        raise ValueError("a rigid body needs inertia_kgm2 or inertia_matrix_kgm2")
+        # Without any inertia, which the checks of the vehicle report, other checks go on with zeros.
+        inertia = np.zeros((3, 3)) if isinstance(body.inertia_kgm2, UnsetType) else np.diag(body.inertia_kgm2)
     if body.inertia_about == "origin":
         # Back from the origin to the centre of mass, by the parallel axis theorem.
         inertia = inertia - rigid_body_inertia(body.mass_kg, np.zeros((3, 3)), body.center_of_mass_frd_m)[3:, 3:]

@@ -203,34 +203,26 @@ def check_direction(vector: Vector3, noun: str, meaning: str, path: KeyPath, rep
 
 def _check_propeller(propeller: ShaftPropeller, path: KeyPath, report: Report) -> None:
     check_direction(propeller.axis_frd, "axis", "the thrust at a positive speed", (*path, "axis_frd"), report)
-    if isinstance(propeller.curve, UnsetType):
-        if propeller.astern_factor != 1.0:
-            report(
-                (*path, "astern_factor"),
-                "works with a curve only: a propeller in four quadrants has its own thrust astern",
-            )
-        if propeller.inflow != "axial":
-            report(
-                (*path, "inflow"),
-                '"speed" works with a curve only: in four quadrants the direction of the inflow counts',
-            )
-        if propeller.quadrants is not UNSET and propeller.pitch_ratio is not UNSET:
-            report(
-                (*path, "pitch_ratio"),
-                "is for the B4-70, but quadrants describe another propeller: leave one of the two out",
-            )
+    curve = () if isinstance(propeller.curve, UnsetType) else propeller.curve
+    twice = propeller.quadrants is not UNSET and propeller.pitch_ratio is not UNSET
+    first_only = "describes four quadrants, but the curve describes the first one only: leave one of the two out"
+    faults = (
+        ("astern_factor", not curve and propeller.astern_factor != 1.0,
+         "works with a curve only: a propeller in four quadrants has its own thrust astern"),
+        ("inflow", not curve and propeller.inflow != "axial",
+         '"speed" works with a curve only: in four quadrants the direction of the inflow counts'),
+        ("pitch_ratio", not curve and twice, "is for the B4-70, but quadrants describe another propeller: leave one of the two out"),
+        ("curve", any(b[0] <= a[0] for a, b in pairwise(curve)), "the advance numbers J (first of each point) must rise from point to point"),
+        ("pitch_ratio", curve and propeller.pitch_ratio is not UNSET, first_only),
+        ("quadrants", curve and propeller.quadrants is not UNSET, first_only),
+        ("damping_includes_stopped", curve and propeller.damping_includes_stopped,
+         "a stopped propeller with a curve has no drag: leave this key out"),
+    )  # fmt: skip
+    for key, is_wrong, text in faults:
+        if is_wrong:
+            report((*path, key), text)
+    if not curve:
         _check_quadrants(propeller, path, report)
-        return
-    if any(b[0] <= a[0] for a, b in pairwise(propeller.curve)):
-        report((*path, "curve"), "the advance numbers J (first of each point) must rise from point to point")
-    for key in ("pitch_ratio", "quadrants"):
-        if getattr(propeller, key) is not UNSET:
-            report(
-                (*path, key),
-                "describes four quadrants, but the curve describes the first one only: leave one of the two out",
-            )
-    if propeller.damping_includes_stopped:
-        report((*path, "damping_includes_stopped"), "a stopped propeller with a curve has no drag: leave this key out")
 
 
 def _check_quadrants(propeller: ShaftPropeller, path: KeyPath, report: Report) -> None:

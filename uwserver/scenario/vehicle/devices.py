@@ -6,7 +6,6 @@ A device file of a sensor (a profile) holds the values of a named device, with s
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -15,7 +14,7 @@ from msgspec import UNSET, field
 
 from uwserver.physics.kernel.layout import TABLE_SIZE, TABLE_VOLTAGES
 from uwserver.scenario.files.convert import NO_MORE, Converter, More, Node, Report, convert, kinds_of
-from uwserver.scenario.files.documents import Document, merged, named
+from uwserver.scenario.files.documents import merged, named
 from uwserver.scenario.files.errors import KeyPath, dotted
 from uwserver.scenario.vehicle.appendage_tables import Sourced
 from uwserver.scenario.vehicle.body import lag
@@ -78,17 +77,16 @@ def check_profile(raw: Mapping[str, Any], report: Report, more: More = NO_MORE) 
     return keys if fine and sensor is not None else None
 
 
-def expanded(
-    document: Document, keys_of: Callable[[str, KeyPath], Mapping[str, Any] | None], report: Report
-) -> Document:
-    """Return a scenario or vehicle file in which each sensor with a `profile` also has the keys of that device. Its own keys win.
+def fill_in_profiles(
+    raw: Mapping[str, Any], keys_of: Callable[[str, KeyPath], Mapping[str, Any] | None], report: Report
+) -> None:
+    """Give each sensor with a `profile` in a scenario or vehicle file the keys of that device too. Its own keys win.
 
     Args:
-        document: the file.
+        raw: the tables of the file, which are changed.
         keys_of: returns the keys of a device (see `check_profile`) by its name and the place that names it; None after a report.
         report: called for errors of the file.
     """
-    raw = dict(document.raw)
     for table, path in _sensor_tables(raw):
         for name, sensor in table.items():
             reference = sensor.get("profile") if isinstance(sensor, dict) else None
@@ -102,8 +100,7 @@ def expanded(
                     f'"{reference}" is a device of kind "{keys["kind"]}", but this sensor is of kind "{sensor["kind"]}"',
                 )
             elif keys is not None:
-                _put(raw, (*path, name), merged(keys, sensor))
-    return replace(document, raw=raw)
+                table[name] = merged(keys, sensor)
 
 
 def _sensor_tables(raw: Mapping[str, Any]) -> Iterator[tuple[dict[str, Any], KeyPath]]:
@@ -112,14 +109,6 @@ def _sensor_tables(raw: Mapping[str, Any]) -> Iterator[tuple[dict[str, Any], Key
         if isinstance(entry, dict):
             yield named(entry, "sensors"), ("vehicles", name, "sensors")
             yield named(named(entry, "override"), "sensors"), ("vehicles", name, "override", "sensors")
-
-
-def _put(raw: dict[str, Any], path: KeyPath, value: Any) -> None:
-    """Set a value below. The tables on the way are copied, as they are shared with the original document."""
-    for key in path[:-1]:
-        raw[str(key)] = dict(raw[str(key)])
-        raw = raw[str(key)]
-    raw[str(path[-1])] = value
 
 
 # -- thrusters --------------------------------------------------------------------------------------------------------------------------

@@ -148,7 +148,10 @@ def test_where_a_table_only_lists_its_keys_the_module_speaks() -> None:
         x: something.
         """
 
-    assert first_sentence(Bare) == "What kinds there are, as `uwserver list` and the reference pages tell it"
+    assert (
+        first_sentence(Bare)
+        == "The kinds that `uwserver list` and the reference pages show, and the JSON Schemas of all files"
+    )
 
 
 def test_a_sentence_over_two_lines_is_one() -> None:

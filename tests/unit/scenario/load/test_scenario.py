@@ -33,6 +33,14 @@ def test_problem_text_is_exact() -> None:
     assert str(problem) == 'tank.toml:14:1: vehicles.rov.sensors.s0: unknown key "bin" (did you mean "bins"?)'
 
 
+def test_a_vehicle_without_inertia_is_reported(write: Write, files: dict[str, str], adapters: Adapters) -> None:
+    """All other checks go on without it."""
+    with pytest.raises(ScenarioError) as caught:
+        load(write(vehicle=files["tiny"].replace("inertia_kgm2 = [0.1, 0.2, 0.3]\n", "")), adapters=adapters)
+    texts = [problem.text for problem in caught.value.problems if problem.severity == "error"]
+    assert texts == ["give exactly one of inertia_kgm2 and inertia_matrix_kgm2: none is given"]
+
+
 def test_override_is_merged_deep_and_sensors_replace_whole(
     write: Write, files: dict[str, str], adapters: Adapters
 ) -> None:

@@ -135,7 +135,7 @@ def test_what_cannot_be_read_is_refused(read: Any, file, tmp_path: Path, monkeyp
     assert "bad.stl" in refused(tmp_path / "bad.stl")
     good = file(CORNERS, TETRAHEDRON)
     monkeypatch.setattr(assets, "MOST_TRIANGLES", 3)
-    assert refused(good) == '"it.obj" has 4 triangles: simplify it to at most 3'
+    assert refused(good) == '"it.obj" has 4 triangles; at most 3 are allowed: simplify it'
     monkeypatch.setattr(assets, "MOST_BYTES", 10)
     assert refused(good) == f'cannot read "{good}": it has {good.stat().st_size} bytes; at most 10 are allowed'
 
