@@ -32,10 +32,10 @@ from uwserver.scenario.files.documents import shipped
 from uwserver.scenario.load import tables as scenario_tables
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.solids import tables as solid_tables
-from uwserver.scenario.vehicle import appendage_tables, entry
+from uwserver.scenario.vehicle import appendage_tables
 from uwserver.scenario.vehicle import tables as vehicle_tables
 from uwserver.scenario.vehicle.appendage_tables import Status
-from uwserver.scenario.water import tables as water_tables
+from uwserver.scenario.vehicle.entry import Copies, VehicleEntry
 from uwserver.scenario.world import tables as world_tables
 from uwserver.sensors import SensorConfig
 from uwserver.server.context import LOOP_SERVICES
@@ -199,7 +199,9 @@ def scenario_page() -> str:
     lines += [
         "## Scenario",
         "",
-        *_tables(scenario_tables, world_tables, water_tables, entry, first=scenario_tables.Scenario),
+        *_tables(scenario_tables, world_tables, first=scenario_tables.Scenario),
+        *_table("Copies", Copies),
+        *_table("VehicleEntry", VehicleEntry),
     ]
     lines += ["## Vehicle and device", "", *_tables(vehicle_tables, appendage_tables, first=vehicle_tables.VehicleFile)]
     lines += ["## Solid things", "", *_tables(solid_tables)]

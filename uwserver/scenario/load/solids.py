@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -28,8 +29,8 @@ from uwserver.scenario.files.convert import Node, Report, check_name, is_one_of
 from uwserver.scenario.files.documents import Document
 from uwserver.scenario.files.errors import KeyPath
 from uwserver.scenario.load.resolved import ResolvedObject
+from uwserver.scenario.solids.looks import read_looks
 from uwserver.scenario.solids.memory import check_memory
-from uwserver.scenario.solids.model_files import read_model_file
 from uwserver.scenario.solids.objects import object_params
 from uwserver.scenario.solids.shapes import (
     Materials,
@@ -75,8 +76,9 @@ class SolidFiles:
             if name == "seabed":
                 report(path, "the table [seabed] has this name already: choose another name")
             elif table is not None and self._engines(path, report):
-                made = partial(structure_solid, name, table, self._folder, self.materials, partial(warn, path))
-                self._add_static(path, name, made)
+                with _reporting(path, report):
+                    told = partial(warn, path)
+                    self.static[name] = structure_solid(name, table, self._folder, self.materials, told)
                 self._read_model_file(path, table.looks, self._folder, report)
         self._check_memory()
         for name, node in scenario.at("objects").parts.items():
@@ -97,11 +99,8 @@ class SolidFiles:
         if any(isinstance(table, HullCollision) for table in tables.values()) and not self._engines(path, report):
             return
         solids = self.ghosts if self._is(name, "external") and not self._is(name, "solid") else self.vehicles
-        try:
-            told = partial(warn, path)
-            solids[name] = collision_solid(name, tables, contact, folders, self.materials, told)
-        except BadSolid as error:
-            report(path, str(error))
+        with _reporting(path, report):
+            solids[name] = collision_solid(name, tables, contact, folders, self.materials, partial(warn, path))
 
     def check_places(self) -> None:
         """Report vehicles and objects that start inside a solid."""
@@ -128,8 +127,8 @@ class SolidFiles:
         origin = None if world is None else world.origin
         table: Seabed | None = self._scenario.at("seabed").value
         if table is not None and world is not None and self._engines(("seabed",), self._report):
-            made = partial(seabed_solid, table, self._folder, origin, self.materials)
-            self._add_static(("seabed",), "seabed", made)
+            with _reporting(("seabed",), self._report):
+                self.static["seabed"] = seabed_solid(table, self._folder, origin, self.materials)
 
     def _read_object(self, name: str, table: ObjectEntry | None, environment: Environment | None) -> None:
         path: KeyPath = ("objects", name)
@@ -155,25 +154,15 @@ class SolidFiles:
         """Read the file that viewers show of a vehicle, a structure or an object."""
         if isinstance(looks, UnsetType):
             return
-        try:
+        with _reporting(place or (*owner, "looks"), report):
             self.looks[str(owner[0]), str(owner[1])] = read_model_file(folder / looks)
-        except BadSolid as error:
-            report(place or (*owner, "looks"), str(error))
-
-    def _add_static(self, path: KeyPath, name: str, make: Callable[[], Solid]) -> None:
-        try:
-            self.static[name] = make()
-        except BadSolid as error:
-            self._report(path, str(error))
 
     def _check_memory(self) -> None:
         """Report if all files together take too much memory; each alone has been checked."""
         counts = {name: sum(_triangles(placed) for placed in solid.shapes) for name, solid in self.static.items()}
-        try:
+        largest = max(counts, key=counts.__getitem__, default="seabed")
+        with _reporting(("seabed",) if largest == "seabed" else ("structures", largest), self._report):
             check_memory("seabed and structures", sum(counts.values()))
-        except BadSolid as error:
-            largest = max(counts, key=counts.__getitem__)
-            self._report(("seabed",) if largest == "seabed" else ("structures", largest), str(error))
 
     def _engines(self, path: KeyPath, report: Report) -> bool:
         """Return whether the packages that solids need are installed; report it once if not."""
@@ -182,6 +171,15 @@ class SolidFiles:
             self._reported = True
             report(path, missing)
         return missing is None
+
+
+@contextmanager
+def _reporting(path: KeyPath, report: Report) -> Iterator[None]:
+    """Report at a key that a solid cannot be made."""
+    try:
+        yield
+    except BadSolid as error:
+        report(path, str(error))
 
 
 def _triangles(placed: Placed) -> int:
