@@ -155,7 +155,7 @@ class SolidFiles:
         if isinstance(looks, UnsetType):
             return
         with _reporting(place or (*owner, "looks"), report):
-            self.looks[str(owner[0]), str(owner[1])] = read_model_file(folder / looks)
+            self.looks[str(owner[0]), str(owner[1])] = read_looks(folder / looks)
 
     def _check_memory(self) -> None:
         """Report if all files together take too much memory; each alone has been checked."""
