@@ -57,7 +57,7 @@ from uwserver_adapters.zenoh_bus.requests import Put, Question, Requests
 from uwserver.adapter import AdapterStats, Refusals
 from uwserver.physics.geometry.shapes import BadSolid
 from uwserver.ports import Buffer, Field, Port, Refused
-from uwserver.scenario.solids.model_files import check_glb
+from uwserver.scenario.solids.appearance import check_glb
 from uwserver.sensors.optical.camera.gltf import BadGltf, read_glb
 from uwserver.server.http import Service
 from uwserver.testing import FakeContext, Loopback

@@ -106,9 +106,9 @@ class Subscriber(Protocol):
       are made only for ports to which some subscriber subscribes; a subscriber also gets those of others. The attribute is read when the subscriber
       is attached, after it has received the event of changed ports, and at `AdapterContext.subscriptions_changed`. Until then, samples of new ports
       are made in any case.
-    - `decimations`: for each path the `uwserver.ports.told.Decimation` objects that are enough for that port. The subscriber needs only samples
-      that one of them takes, and gets all of these, perhaps with others. The attribute is read together with `subscriptions`, and holds until the
-      event of a reset or of changed ports.
+    - `decimations`: for each path the `uwserver.ports.decimation.Decimation` objects that are enough for that port. The subscriber needs only
+      samples that one of them takes, and gets all of these, perhaps with others. The attribute is read together with `subscriptions`, and holds until
+      the event of a reset or of changed ports.
     - `put_batch`: a method that gets the samples of several successive ticks at once, as rows of numbers (`SampleBatch`). It is called in place of
       `put_samples` if all of these samples are rows; while others read too, it gets one tick at a time.
     - `send_samples`: a method without arguments, which is called when no more samples wait, so that several ticks can be sent together.

@@ -255,7 +255,7 @@ def measured_of(world: World, sensors: Collection[str] | None) -> tuple[str, ...
         sensors: the sensors that the caller wants; None for all except those that show the state of an autopilot, which is mostly text.
     """
     pilots = [part.pilot for part in world.parts.values() if isinstance(part, Piloting)]
-    heard = {port for pilot in pilots for port in (*pilot.craft.hearing.ports, *pilot.craft.hearing.in_words)}
+    heard = {port for pilot in pilots for port in (*pilot.spec.inputs.ports, *pilot.spec.inputs.text_ports)}
     found = {
         path
         for path, slot in world.sensors.items()
@@ -275,4 +275,4 @@ def measured_of(world: World, sensors: Collection[str] | None) -> tuple[str, ...
 
 def draws_in_python(sensor: Sensor) -> bool:
     """Return whether a sensor draws its own random errors in Python."""
-    return not (isinstance(sensor, BankSensor | IdealSensor | StateSensor) or sensor.repeats)
+    return not (isinstance(sensor, CompiledSensor | IdealSensor | StateSensor) or sensor.repeats)

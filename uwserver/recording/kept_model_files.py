@@ -13,7 +13,7 @@ import zstandard
 
 from uwserver.physics.geometry.shapes import BadSolid
 from uwserver.scenario.load.resolved import Resolved
-from uwserver.scenario.solids.model_files import check_glb
+from uwserver.scenario.solids.appearance import check_glb
 
 log = logging.getLogger(__name__)
 

@@ -66,7 +66,7 @@ ENTRY = np.dtype(
 """A sample in flight, or delivered."""
 
 DECIMATION = np.dtype([("rate_hz", "f8"), ("start_ns", "i8"), ("interval", "i8")])
-"""A `uwserver.ports.told.Decimation`, and the newest interval that had a sample."""
+"""A `uwserver.ports.decimation.Decimation`, and the newest interval that had a sample."""
 NO_INTERVAL = -(2**62)
 """Earlier than every interval."""
 

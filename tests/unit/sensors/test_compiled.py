@@ -6,7 +6,6 @@ import msgspec
 import numpy as np
 import pytest
 from sensor_rig import MOUNT, at, started
-from uwserver.sensors.alone import Alone
 
 from uwserver.modifiers import Measurement
 from uwserver.modifiers.columns import Columns
@@ -29,6 +28,7 @@ from uwserver.sensors import (
 from uwserver.sensors.acoustic.altimeter import AltimeterMemory
 from uwserver.sensors.compiled import HEAD, read
 from uwserver.sensors.motion.triad import TriadErrors
+from uwserver.sensors.scope_arrays import ScopeArrays
 from uwserver.sensors.water.sound_speed import SoundSpeedMemory
 from uwserver.testing.fake_geometry import FakeGeometry, Plane
 from uwserver.testing.sensors import BOTTOM
@@ -52,7 +52,7 @@ class Together:
 
     def read(self, scope, due):
         """Validity, times and values of those that are due, in their order; None of those that have no reading."""
-        there = Alone(scope)
+        there = ScopeArrays(scope)
         heads = np.array([self.sensors[k].head for k in due])
         arrays = self.heads.rows, self.rows.rows, self.numbers.rows
         read(self.kernel, *arrays, heads, there.table, scope.t, scope.geometry)

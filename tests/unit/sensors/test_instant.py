@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sensor_rig import CAST, EARTH, MOUNT, Q, at, full_speed, world_with
-from uwserver.sensors.alone import Alone
 
 from uwserver.environment.column import DENSITY, SALINITY, SOUND_SPEED, TEMPERATURE, WaterColumn
 from uwserver.environment.sea import Sea
@@ -30,6 +29,7 @@ from uwserver.physics.kernel.layout import (
 from uwserver.physics.rays.raycast import NOTHING, SURFACE, no_hits
 from uwserver.sensors import instant
 from uwserver.sensors.compiled import HEAD
+from uwserver.sensors.scope_arrays import ScopeArrays
 
 LAYERS = Water(1023.0, 9.81, 18.0, 101_325.0, (0.3, -0.1, 0.05), given=WaterColumn(CAST, 9.81, 1023.0))
 UNIFORM = Water(1025.0, 9.81, 12.0, 101_325.0, (0.0, 0.2, 0.0))
@@ -90,7 +90,7 @@ def head_on(mount):
 def test_answers_are_those_of_plain_python(scope, water, p):
     rates = {"v_NB_B": (0.7, -0.3, 0.1), "w_NB_B": (0.1, -0.2, 0.3), "nu_dot": (0.2, 0.1, -0.3, 0.01, 0.03, -0.02)}
     seen = at(scope, 0.25, p_NB=p, q_NB=Q, water=WATERS[water], **rates)
-    there, out, t = Alone(seen), np.zeros(31), seen.t
+    there, out, t = ScopeArrays(seen), np.zeros(31), seen.t
     ask(head_on(MOUNT), there.table, t, out)
     here, w = seen.position(MOUNT.p), seen.water
     depth = max(0.0, here[2])
@@ -124,7 +124,7 @@ def test_the_inside_of_a_vehicle_is_that_of_its_wiring(scope):
     world = world_with()
     full_speed(world, 1.0, "depth", -0.6)
     wiring = world.sensors["rov/imu"].wiring
-    heads, there, out = head_on(MOUNT), Alone(scope(wiring=wiring)), np.zeros(3)
+    heads, there, out = head_on(MOUNT), ScopeArrays(scope(wiring=wiring)), np.zeros(3)
     inside(heads, there.table, -1.0, out)
     assert wiring.power() > 100.0
     row, lag = wiring.hydro.thrusters[0], wiring.hydro.lags[int(wiring.hydro.thrusters[0]["lag"])]
@@ -142,7 +142,7 @@ def test_the_inside_of_a_vehicle_is_that_of_its_wiring(scope):
 
 def test_a_thruster_that_nobody_knows_has_no_speed_and_draws_nothing(scope):
     wiring = world_with().sensors["rov/imu"].wiring
-    there, out = Alone(scope(wiring=wiring)), np.zeros(3)
+    there, out = ScopeArrays(scope(wiring=wiring)), np.zeros(3)
     there.arrays["electrics"]["wired"] = 0
     inside(head_on(MOUNT), there.table, 5.0, out)
     assert math.isnan(out[0])

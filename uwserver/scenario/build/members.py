@@ -33,9 +33,9 @@ from uwserver.sensors.wiring import Electric, Wiring
 from uwserver.units import NANOSECONDS, rad
 from uwserver.world.components import ActuatorSlot, SensorStream
 from uwserver.world.external.body import External
-from uwserver.world.external.motion import LiveMotion, Moving, RecordedMotion, Shown
+from uwserver.world.external.motion import LiveMotion, Moving, RecordedMotion, ShownActuator
 from uwserver.world.external.ports import Difference, ExternalState
-from uwserver.world.external.source import Live, Recorded, Source
+from uwserver.world.external.pose_source import LivePoses, PoseSource, RecordedPoses
 from uwserver.world.external.track import AT_REST, TrackPose
 from uwserver.world.members import Member
 from uwserver.world.sensor_slot import SensorSlot
@@ -277,15 +277,15 @@ STATE_RATE_HZ = 10
 def external_member(world: World, resolved: ResolvedVehicle, row: int, name: str) -> Member:
     """Return an external vehicle, whose body is in a row of the world, with its ports."""
     entry, slots, shown = resolved.entry, list[ActuatorSlot](), moving_parts(resolved)
-    source: Source
+    source: PoseSource
     moving: Moving
     if resolved.track is not None:
-        source = Recorded(resolved.track, entry.outside, entry.max_gap_s)
+        source = RecordedPoses(resolved.track, entry.outside, entry.max_gap_s)
         moving = RecordedMotion(shown, resolved.track.motion)
     else:
         q = Pose.from_degrees(entry.attitude_rpy_deg).q
         start = TrackPose(entry.position_ned_m, q, AT_REST, 0.0)
-        source = live = Live(lambda: world.t_ns, start, entry.outside, entry.max_gap_s, entry.predict_s)
+        source = live = LivePoses(lambda: world.t_ns, start, entry.outside, entry.max_gap_s, entry.predict_s)
         port = Port(f"{name}/pose", "actuator", "pose", live.fields, live.doc, message="FollowedPose")
         slots.append(ActuatorSlot(port, live, world.rate_hz, 0))
         moving = turning = LiveMotion(shown, lambda: world.t_ns)
@@ -306,14 +306,16 @@ def external_member(world: World, resolved: ResolvedVehicle, row: int, name: str
     return Member(vehicle, tuple(sensors), tuple(slots), services, resolved.solid, (part,), led=True)
 
 
-def moving_parts(resolved: ResolvedVehicle) -> tuple[Shown, ...]:
+def moving_parts(resolved: ResolvedVehicle) -> tuple[ShownActuator, ...]:
     """Return the actuators of an external vehicle that viewers move, in the order of `uwserver.scenario.scene.fittings.actuator_views`."""
     file = resolved.vehicle
-    fins = (Shown(name, rad(fin.limit_deg)) for name, fin in file.fins.items())
-    return (*map(Shown, file.thrusters), *fins, *map(Shown, file.propellers))
+    fins = (ShownActuator(name, rad(fin.limit_deg)) for name, fin in file.fins.items())
+    return (*map(ShownActuator, file.thrusters), *fins, *map(ShownActuator, file.propellers))
 
 
-def _status_slots(world: World, resolved: ResolvedVehicle, row: int, name: str, source: Source) -> Iterator[SensorSlot]:
+def _status_slots(
+    world: World, resolved: ResolvedVehicle, row: int, name: str, source: PoseSource
+) -> Iterator[SensorSlot]:
     entry = resolved.entry
     shown: list[tuple[str, str, Sensor]] = [("state", "external", ExternalState(source))]
     if not isinstance(entry.compare_with, UnsetType):

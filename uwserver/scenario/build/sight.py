@@ -14,7 +14,7 @@ from uwserver.actuators import Lamps
 from uwserver.environment.light import WATER_TYPES
 from uwserver.physics.geometry.shapes import HalfSpace
 from uwserver.scenario.load.resolved import Resolved
-from uwserver.scenario.solids.looks import CLEAN, OBJECT, SEABED, STRUCTURE, VEHICLE, Colour, colour_of
+from uwserver.scenario.solids.appearance import CLEAN, OBJECT, SEABED, STRUCTURE, VEHICLE, Colour, colour_of
 from uwserver.sensors import Pose
 from uwserver.sensors.optical.camera.faces import GROWTH, PLAIN, TILES, Paint
 from uwserver.sensors.optical.camera.faces import SEABED as SAND

@@ -29,7 +29,7 @@ from uwserver.scenario.files.convert import Node, Report, check_name, is_one_of
 from uwserver.scenario.files.documents import Document
 from uwserver.scenario.files.errors import KeyPath
 from uwserver.scenario.load.resolved import ResolvedObject
-from uwserver.scenario.solids.looks import read_looks
+from uwserver.scenario.solids.appearance import read_model_file
 from uwserver.scenario.solids.memory import check_memory
 from uwserver.scenario.solids.objects import object_params
 from uwserver.scenario.solids.shapes import (
@@ -155,7 +155,7 @@ class SolidFiles:
         if isinstance(looks, UnsetType):
             return
         with _reporting(place or (*owner, "looks"), report):
-            self.looks[str(owner[0]), str(owner[1])] = read_looks(folder / looks)
+            self.looks[str(owner[0]), str(owner[1])] = read_model_file(folder / looks)
 
     def _check_memory(self) -> None:
         """Report if all files together take too much memory; each alone has been checked."""

@@ -39,7 +39,7 @@ from uwserver.ports import (
 from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.scene.fittings import actuator_views, beacon_views, lamp_views, sensor_views
 from uwserver.scenario.scene.shapes import Meshes, displaced_shapes, shape_views
-from uwserver.scenario.solids.looks import OBJECT, SEABED, STRUCTURE, VEHICLE
+from uwserver.scenario.solids.appearance import OBJECT, SEABED, STRUCTURE, VEHICLE
 from uwserver.scenario.vehicle.body import body_params
 from uwserver.scenario.vehicle.entry import COLOURS
 from uwserver.units import rad

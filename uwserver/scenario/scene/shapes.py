@@ -23,7 +23,7 @@ from uwserver.physics.geometry.shapes import (
 )
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.ports import MeshView, ShapeView
-from uwserver.scenario.solids.looks import Colour, colour_of
+from uwserver.scenario.solids.appearance import Colour, colour_of
 from uwserver.scenario.vehicle.tables import BoxShape, VehicleFile
 
 _MANY = 20_000

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from uwserver.scenario.solids.looks import COATS
 
 from uwserver.adapter import installed_adapters
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
+from uwserver.scenario.solids.appearance import COATS
 from uwserver.sensors import CameraConfig
 from uwserver.sensors.optical.camera.faces import GROWTH, PLAIN, SEABED, TILES
 from uwserver.world import World

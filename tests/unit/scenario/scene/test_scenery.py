@@ -11,7 +11,6 @@ from typing import Any
 
 import msgspec
 import pytest
-from uwserver.scenario.solids.looks import COATS, MATERIALS
 
 import uwserver
 from uwserver.adapter import installed_adapters
@@ -24,6 +23,7 @@ from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.scene.scenery import Scenery
+from uwserver.scenario.solids.appearance import COATS, MATERIALS
 from uwserver.world.scene_probe import SceneProbe
 
 SHIPPED = sorted(path.stem for path in (Path(__file__).parents[4] / "scenarios" / "uwserver_scenarios").glob("*.toml"))

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from uwserver.scenario.solids.looks import MATERIALS
 
 from uwserver.adapter import installed_adapters
 from uwserver.physics.geometry.shapes import (
@@ -28,6 +27,7 @@ from uwserver.ports import ShapeView
 from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.scene.shapes import Meshes, displaced_shapes, shape_views
+from uwserver.scenario.solids.appearance import MATERIALS
 
 GREY = (0.5, 0.5, 0.5)
 CORNERS = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])

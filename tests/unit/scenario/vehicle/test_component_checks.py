@@ -333,7 +333,7 @@ def test_one_does_not_hide_the_other(actuator_report) -> None:
 
 
 class Loose(Struct):
-    """Two that request_scene_state alike as bytes."""
+    """Two that look alike as bytes."""
 
     value: Any = (1, 2)
 

@@ -8,7 +8,6 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
-from uwserver.sensors.alone import Alone
 
 from uwserver.environment.water import Water
 from uwserver.physics.kernel.pool import Pool
@@ -19,6 +18,7 @@ from uwserver.sensors import ImuConfig, Pose, Scope
 from uwserver.sensors.compiled import HEAD, read
 from uwserver.sensors.motion.imu import Imu, ImuMemory
 from uwserver.sensors.motion.triad import HUMP, TriadErrors, TriadMemory
+from uwserver.sensors.scope_arrays import ScopeArrays
 
 STILL = Scope(
     0, (0.0, 0.0, 5.0), (1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, Water(1025.0, 9.81, 10.0, 101_325.0, (0.0,) * 3)
@@ -48,7 +48,7 @@ def record(errors, n, dt, triads=60):
     for imu in imus(errors, triads, dt):
         imu.enter(heads, rows)
     heads.rows["first"], heads.rows["width"], heads.rows["dt"] = 7 * np.arange(triads), 7, dt
-    there, numbers, readings = Alone(STILL), np.zeros(7 * triads), []
+    there, numbers, readings = ScopeArrays(STILL), np.zeros(7 * triads), []
     for number in range(n):
         heads.rows["number"] = number
         read(Imu.kernel, heads.rows, rows.rows, numbers, np.arange(triads), there.table, 0.0, STILL.geometry)

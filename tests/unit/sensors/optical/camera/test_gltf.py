@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from sensors.optical.camera.glb import glb, packed, png
 
-from uwserver.scenario.solids.model_files import check_glb
+from uwserver.scenario.solids.appearance import check_glb
 from uwserver.sensors.optical.camera import gltf, textures
 from uwserver.sensors.optical.camera.gltf import BadGltf, read_glb
 

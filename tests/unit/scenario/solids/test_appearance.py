@@ -17,8 +17,7 @@ from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.export import identity
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.scene.scenery import Scenery
-from uwserver.scenario.solids import model_files
-from uwserver.scenario.solids.model_files import check_glb, read_model_file
+from uwserver.scenario.solids.appearance import check_glb, read_model_file
 from uwserver.world.scene_probe import SceneProbe
 
 TRIANGLE = struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)
@@ -82,7 +81,7 @@ def test_what_is_no_glb_is_refused(data: bytes) -> None:
 def test_files_of_other_kinds_and_sizes_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "x.glb"
     path.write_bytes(glb())
-    monkeypatch.setattr(model_files, "MOST_BYTES", 100)
+    monkeypatch.setattr(appearance, "MOST_BYTES", 100)
     for name, said in (("x.glb", "at most 100"), ("x.gltf", "not a .glb"), ("y.glb", "cannot read")):
         with pytest.raises(BadSolid, match=said):
             read_model_file(tmp_path / name)

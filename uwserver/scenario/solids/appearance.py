@@ -1,4 +1,4 @@
-"""What things request_scene_state like: the colours of materials, and glTF files (looks) that viewers show instead of shapes.
+"""What things look like: the colours of materials, and glTF files that viewers show instead of shapes.
 
 glTF files are checked before they are served, and never decoded here.
 """
