@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from uwserver.cli.chromium import NoChromium, chromium
+from uwserver.cli.browser.chromium import NoChromium, chromium
 
 
 def chromium_or_skip() -> str:

@@ -64,10 +64,9 @@ def warm() -> None:
     import uwclient.cli_verbs  # noqa: F401
 
     import uwserver
-    import uwserver.cli.pace
-    import uwserver.cli.run
-    import uwserver.cli.scenario
-    import uwserver.cli.vehicle_parts
+    import uwserver.cli.scenarios.check
+    import uwserver.cli.scenarios.listing
+    import uwserver.cli.serving.run
     import uwserver.environment.acoustics.fan
     import uwserver.environment.acoustics.layers
     import uwserver.environment.acoustics.search

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import nursery
 
-from uwserver.cli.chromium import PATIENCE_S, Page
+from uwserver.cli.browser.chromium import PATIENCE_S, Page
 
 PYTHON = "UWSERVER_PAGE_PYTHON"
 """Variable: the Python whose installed server is tested, in place of this tree's."""

@@ -14,8 +14,8 @@ from pathlib import Path
 
 from PIL import Image
 
-from uwserver.cli.chromium import Page, chromium
-from uwserver.cli.shot import advance, showing, wait_until_still
+from uwserver.cli.browser.chromium import Page, chromium
+from uwserver.cli.browser.shot import advance, showing, wait_until_still
 
 FOLDER = Path(__file__).parents[1] / "docs" / "images"
 MOST_KIB, MOST_MOVING_KIB = 300, 3000

@@ -12,7 +12,7 @@ import numpy as np
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 
-from uwserver.cli.pictures import picture
+from uwserver.cli.recordings.pictures import picture
 from uwserver.environment.absorption import absorption
 from uwserver.environment.column import ThermoclineColumn, WaterColumn
 from uwserver.ports import Sample

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import made_of
 
-from uwserver.cli.vehicle_picture import vehicle_picture
+from uwserver.cli.recordings.vehicle_picture import vehicle_picture
 from uwserver.scenario.vehicle.body import body_params
 from uwserver.scenario.world.tables import Environment
 from uwserver.units import deg

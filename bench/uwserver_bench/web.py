@@ -10,7 +10,7 @@ from pathlib import Path
 from threading import Event
 from typing import Any
 
-from uwserver.cli.chromium import ChromiumFailed, NoChromium, browsing, chromium
+from uwserver.cli.browser.chromium import ChromiumFailed, NoChromium, browsing, chromium
 from uwserver.simulation.clock import SystemTime
 from uwserver_bench.processes import BenchFailed, Load, Served, loading, processor_s, serving
 from uwserver_bench.rows import Row

@@ -43,7 +43,7 @@ ELSEWHERE = {
     "docs/how-to/cameras.md": "tests/unit/sensors/optical/camera/test_how_to.py",
     "docs/how-to/browser.md": "tests/unit/adapters/sockets/test_websocket.py",
     "docs/how-to/install.md": "tests/integration/test_distributions.py",
-    "docs/how-to/logs.md": "tests/unit/cli/test_export.py",
+    "docs/how-to/logs.md": "tests/unit/cli/recordings/test_export.py",
     "docs/how-to/modem.md": "tests/examples/test_programs.py",
     "docs/how-to/moos.md": "tests/unit/adapters/moos/test_how_to.py",
     "docs/how-to/playback.md": "tests/integration/test_playback.py",

@@ -19,8 +19,8 @@ from nursery import python
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from uwserver.cli.chromium import PATIENCE_S, Browser, Page, browsing
-from uwserver.cli.play import play
+from uwserver.cli.browser.chromium import PATIENCE_S, Browser, Page, browsing
+from uwserver.cli.serving.play import play
 from uwserver.recording.player_services import PLAYBACK_SERVICES
 
 PROBES = Path(__file__).parents[1] / "page_probes.js"

@@ -21,7 +21,7 @@ from mcap.records import Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
-from uwserver.cli.replay import replay as replay_command
+from uwserver.cli.recordings.replay import replay as replay_command
 from uwserver.physics import PHYSICS
 from uwserver.ports import Call, Command, Event, Sample
 from uwserver.ports.checks import checked_args

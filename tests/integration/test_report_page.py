@@ -11,7 +11,7 @@ import pytest
 from chromium_rig import chromium_or_skip
 from nursery import python
 
-from uwserver.cli.chromium import Page, browsing
+from uwserver.cli.browser.chromium import Page, browsing
 
 TITLE = "</script><script>report.errors.push(1)</script><img src=x onerror='report.errors.push(2)'>"
 SCENARIO = f"""

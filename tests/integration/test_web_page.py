@@ -14,7 +14,7 @@ import pytest
 from chromium_rig import chromium_or_skip
 from page_rig import PROBES, ready, served
 
-from uwserver.cli.chromium import Browser, Page, browsing
+from uwserver.cli.browser.chromium import Browser, Page, browsing
 from uwserver.recording.replay import replay
 
 PICTURES = "UWSERVER_PAGE_PICTURES"

@@ -5,15 +5,16 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 import click
 import msgspec
 
-from uwserver.cli.colour import coloured_problems
+from uwserver.cli.terminal import coloured_problems
 
 if TYPE_CHECKING:
-    from uwserver.scenario.load.resolved import Resolved
+    from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 
 
 def loaded(reference: str) -> tuple[Resolved, Mapping[str, type[Any]]]:
@@ -48,3 +49,9 @@ def with_changes(resolved: Resolved, **changes: Any) -> Resolved:
 def with_adapter(resolved: Resolved, name: str, config: Any) -> Resolved:
     """Return the scenario with this configuration for one of its adapters, or for one more."""
     return with_changes(resolved, adapters={**resolved.scenario.adapters, name: config})
+
+
+def alike(resolved: Resolved) -> dict[str, ResolvedVehicle]:
+    """Return the first of each run of vehicles that share a file, by their common name: ``rov``, or ``rov_1..rov_40``."""
+    groups = [list(group) for _, group in groupby(resolved.vehicles.values(), key=lambda v: id(v.vehicle))]
+    return {g[0].name if len(g) == 1 else f"{g[0].name}..{g[-1].name}": g[0] for g in groups}

@@ -1,4 +1,4 @@
-"""The interface of an open log of any format: its topics, and its data in the order of one time base.
+"""The interface of an open log of any format: its topics, its data in the order of one time base, and its only error.
 
 `open_log` (uwserver.logfiles) chooses the reader for a file. A reader gives the data as they are in the log, in the log's own units and frames.
 Only `uwserver.logfiles.mapping` converts them to NED, SI units and our names.
@@ -7,6 +7,7 @@ Only `uwserver.logfiles.mapping` converts them to NED, SI units and our names.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal, NamedTuple, Protocol
 
@@ -149,3 +150,26 @@ def member(value: object, name: str) -> object:
 def matches(value: object, where: Mapping[str, object]) -> bool:
     """Return whether the members of a message have these values."""
     return all(member(value, name) == wanted for name, wanted in where.items())
+
+
+_LONGEST = 300
+_PACKAGES = {"google": "protobuf"}
+"""The package of a module, where their names differ."""
+
+
+@contextmanager
+def foreign(path: Path, what: str) -> Iterator[None]:
+    """Turn every error in the block into a `LogError` that names the file and says what failed."""
+    try:
+        yield
+    except LogError:
+        raise
+    except OSError as error:
+        raise LogError(f"{path}: {what}: {error.strerror or error}") from error
+    except ImportError as error:
+        module = (error.name or str(error)).split(".")[0]
+        package = _PACKAGES.get(module, module)
+        raise LogError(f"{path}: {what} needs the package {package}: pip install 'uwserver[logs]'") from error
+    except Exception as error:
+        text = " ".join(str(error).split())[:_LONGEST]
+        raise LogError(f"{path}: {what}: {text or 'damaged'} ({type(error).__name__})") from error

@@ -161,7 +161,7 @@ class Track(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True)
                 yield name, section
 
 
-class PortSource(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class PortMapping(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The samples of one port.
 
     Attributes:
@@ -190,7 +190,7 @@ class Mapping(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tru
     format: str = FORMAT
     origin: Origin | None = None
     tracks: dict[str, Track] = {}
-    ports: dict[str, PortSource] = {}
+    ports: dict[str, PortMapping] = {}
 
 
 def read_mapping(path: str | Path) -> Mapping:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from uwserver.logfiles.log import Kind, Log, Topic
-from uwserver.logfiles.mapping import Entry, PortSource, Value, value_of
+from uwserver.logfiles.mapping import Entry, PortMapping, Value, value_of
 from uwserver.logfiles.si import is_known
 
 
@@ -80,7 +80,7 @@ _MOOS = {
 _STAMPS = ("time_ns", "seq", "t_ns", "t_sent_ns", "valid")
 
 
-def ports_of(log: Log) -> Iterator[tuple[str, PortSource]]:
+def ports_of(log: Log) -> Iterator[tuple[str, PortMapping]]:
     """Yield the ports that the topics of a log give, with names made from its vehicles and topics."""
     for topic in log.topics.values():
         rule = _rule(log.kind, topic)
@@ -88,7 +88,7 @@ def ports_of(log: Log) -> Iterator[tuple[str, PortSource]]:
             known = {field.name for field in topic.fields}
             fields = {key: entry for key, entry in rule.fields.items() if not known or _is_there(entry, known)}
             if fields:
-                yield _name(log.kind, topic, rule), PortSource(topic.name, fields, rule.kind)
+                yield _name(log.kind, topic, rule), PortMapping(topic.name, fields, rule.kind)
 
 
 def _is_there(entry: Entry | list[Entry], known: set[str]) -> bool:

@@ -18,7 +18,7 @@ from uwserver.logfiles.mapping import (
     Entry,
     Mapping,
     Match,
-    PortSource,
+    PortMapping,
     Position,
     Track,
     Value,
@@ -42,7 +42,7 @@ def mapping_of(log: Log) -> Mapping:
         plain = re.sub(r"\W+", "_", name).strip("_").lower() or "track"
         free = next(n for n in (plain, *(f"{plain}_{k}" for k in range(2, 100_000))) if n not in tracks)
         tracks[free] = track
-    ports: dict[str, PortSource] = {}
+    ports: dict[str, PortMapping] = {}
     for name, source in ports_of(log):
         ports.setdefault(name, source)
     return Mapping(tracks=tracks, ports=ports)

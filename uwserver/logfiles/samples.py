@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from uwserver.logfiles.log import Datum, Log, matches, member
-from uwserver.logfiles.mapping import Entry, Mapping, PortSource, value_of
+from uwserver.logfiles.mapping import Entry, Mapping, PortMapping, value_of
 from uwserver.logfiles.si import Scale, scale_of
 
 _Part = tuple[str, Scale, float]
@@ -30,7 +30,7 @@ def port_samples(
     Raises:
         LogError: the log is damaged.
     """
-    by_topic: dict[str, list[tuple[str, PortSource, dict[str, list[_Part] | _Part]]]] = {}
+    by_topic: dict[str, list[tuple[str, PortMapping, dict[str, list[_Part] | _Part]]]] = {}
     for name, source in mapping.ports.items():
         if ports is None or name in ports:
             by_topic.setdefault(source.topic, []).append((name, source, _parts(source)))
@@ -45,7 +45,7 @@ def port_samples(
                     yield Datum(t_ns, name, found)
 
 
-def _parts(source: PortSource) -> dict[str, list[_Part] | _Part]:
+def _parts(source: PortMapping) -> dict[str, list[_Part] | _Part]:
     def part(entry: Entry) -> _Part:
         value = value_of(entry)
         return value.field, scale_of(value.unit or ""), value.scale

@@ -32,7 +32,7 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from uwserver.logfiles.mcap_records import MAGIC
+from uwserver.logfiles.readers.mcap_records import MAGIC
 
 _MESSAGE = struct.Struct("<BQHIQQ")
 """Opcode, length of the rest, channel, sequence, log time, publish time."""

@@ -18,7 +18,7 @@ from mcap.records import Channel, Message, Schema
 from msgspec import Struct
 
 from uwserver.logfiles import Limits
-from uwserver.logfiles.mcap_records import Records
+from uwserver.logfiles.readers.mcap_records import Records
 from uwserver.ports import Event
 from uwserver.recording.channels import Described, described
 from uwserver.recording.differences import Pairing, Timed

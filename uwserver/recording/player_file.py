@@ -17,8 +17,8 @@ from typing import IO, Any, Final, NamedTuple, cast
 import numpy as np
 
 from uwserver.logfiles import Limits, LogError
-from uwserver.logfiles.foreign import foreign
-from uwserver.logfiles.mcap_records import (
+from uwserver.logfiles.log import foreign
+from uwserver.logfiles.readers.mcap_records import (
     CHANNEL,
     CHUNK,
     DATA_END,

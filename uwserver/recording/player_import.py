@@ -19,11 +19,11 @@ import numpy as np
 from msgspec import UNSET
 
 from uwserver.logfiles import Log, LogError
-from uwserver.logfiles.joined_log import open_parts
 from uwserver.logfiles.log import Datum
 from uwserver.logfiles.mapping import Mapping as LogMapping
-from uwserver.logfiles.mapping import PortSource, read_mapping, value_of
+from uwserver.logfiles.mapping import PortMapping, read_mapping, value_of
 from uwserver.logfiles.poses import pose_tracks
+from uwserver.logfiles.readers.opening import open_parts
 from uwserver.logfiles.rules import mapping_of
 from uwserver.logfiles.samples import port_samples
 from uwserver.ports import EntityList, Event, Field, Port, Present, Sample, SceneState, Service
@@ -238,7 +238,7 @@ def scenario_of(title: str, epoch_utc: str, rate_hz: float, tracks: Mapping[str,
     return load(msgspec.convert(raw, Scenario), adapters={})
 
 
-def _port(path: str, source: PortSource, data: _PortData) -> Port:
+def _port(path: str, source: PortMapping, data: _PortData) -> Port:
     fields = []
     for name, entries in source.fields.items():
         value, unit = data.first.get(name), value_of(entries[0] if isinstance(entries, list) else entries).unit or ""

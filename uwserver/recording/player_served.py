@@ -14,10 +14,10 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from uwserver.logfiles import Log, LogError, Topic
-from uwserver.logfiles.foreign import foreign
-from uwserver.logfiles.joined_log import open_parts
+from uwserver.logfiles.log import foreign
 from uwserver.logfiles.mapping import Mapping as LogMapping
 from uwserver.logfiles.poses import pose_tracks
+from uwserver.logfiles.readers.opening import open_parts
 from uwserver.logfiles.rules import mapping_of
 from uwserver.ports import Event, Field, Port, Sample
 from uwserver.ports.buffer import unpacked

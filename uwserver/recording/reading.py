@@ -15,8 +15,8 @@ from mcap.exceptions import McapError
 from mcap.records import Attachment, Channel, Chunk, Message, Metadata
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from uwserver.logfiles.mcap_records import MAGIC
 from uwserver.logfiles.part_files import MissingPart, parts_of_run
+from uwserver.logfiles.readers.mcap_records import MAGIC
 from uwserver.recording.format import HASHES, METADATA, REQUESTS, Request, StateHash
 from uwserver.recording.parts import STATE, begins_with_state
 from uwserver.scenario.files.documents import opened

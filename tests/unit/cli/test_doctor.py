@@ -12,8 +12,8 @@ from click.testing import CliRunner
 
 import uwserver.cli.doctor as command
 from uwserver.adapter import AdapterNotFound
-from uwserver.cli import diagnosis
-from uwserver.cli.diagnosis import Finding
+from uwserver.cli import doctor as diagnosis
+from uwserver.cli.doctor import Finding
 from uwserver.physics.collision import engine
 from uwserver.physics.kernel import compiled
 from uwserver.physics.kernel.compiled import CacheState

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from mcap.reader import make_reader
 from recording_rig import recorded
 
-from uwserver.cli.replay import replay as command
+from uwserver.cli.recordings.replay import replay as command
 from uwserver.ports import Call, Command
 from uwserver.recording.changes import BadChange, Changes, Setting, asked, setting
 from uwserver.recording.format import HASHES, REQUESTS, head_of

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from mcap.writer import CompressionType, Writer
 
-from uwserver.logfiles.mcap_records import MAGIC
+from uwserver.logfiles.readers.mcap_records import MAGIC
 from uwserver.recording.player_file import Chunks, McapMessage, NotPlayable, renamed
 
 

@@ -17,7 +17,7 @@ import zstandard
 from mcap.records import Channel, Chunk, DataEnd, Metadata, Schema
 from mcap.stream_reader import StreamReader
 
-from uwserver.logfiles.mcap_records import CHANNEL, MESSAGE, MESSAGE_HEAD, SCHEMA, learn, records_in
+from uwserver.logfiles.readers.mcap_records import CHANNEL, MESSAGE, MESSAGE_HEAD, SCHEMA, learn, records_in
 from uwserver.ports import EntityList, Event, Field
 from uwserver.recording.channels import message_of
 from uwserver.recording.format import EVENTS, METADATA

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from uwserver.frames import rotate
 from uwserver.logfiles import Log, LogError
-from uwserver.logfiles.joined_log import open_parts
 from uwserver.logfiles.mapping import Mapping, read_mapping
 from uwserver.logfiles.poses import motion_of, pose_tracks
+from uwserver.logfiles.readers.opening import open_parts
 from uwserver.logfiles.rules import commanded, mapping_of
 from uwserver.physics.kernel.arrays import IntArray
 from uwserver.scenario.files.errors import closest

@@ -15,7 +15,7 @@ from video_rig import CAMERA, DEPTH, HEIGHT, STEP_NS, WIDTH, camera, number_of, 
 from uwserver.adapter.foxglove import codec
 from uwserver.adapter.foxglove.channels import Foreign
 from uwserver.adapter.pictures import jpeg
-from uwserver.cli.export import export
+from uwserver.cli.recordings.export import export
 from uwserver.logfiles.export import video
 from uwserver.ports import Sample
 from uwserver.recording.writer import RecordingWriter

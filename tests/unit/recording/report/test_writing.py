@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from uwserver.cli.plot import plot
+from uwserver.cli.recordings.plot import plot
 from uwserver.recording.report import writing
 from uwserver.recording.report.contents import Contents
 

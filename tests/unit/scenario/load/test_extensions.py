@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 from run_rig import recorded_run
 
-from uwserver.cli.replay import replay as replay_command
+from uwserver.cli.recordings.replay import replay as replay_command
 from uwserver.recording.replay import NotReplayable, replay
 from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder

@@ -1,0 +1,1 @@
+"""Commands about recordings and logs: record, replay, compare, log, export and plot."""

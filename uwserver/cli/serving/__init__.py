@@ -1,0 +1,1 @@
+"""Commands that serve: `run` a world, and `play` a recording."""

@@ -1,0 +1,1 @@
+"""Readers of log formats: each opens a file as a `Log`."""
