@@ -1,6 +1,6 @@
 """Every installed adapter passes the conformance suite; so does one that is nothing but a folder and an entry point; faulty ones do not.
 
-Also of uwserver.testing.traces.
+Also of uwserver.testing.adapter_kit.
 """
 
 from __future__ import annotations
@@ -782,7 +782,7 @@ def test_the_suite_sees_a_fault(site: Site, fault: str, monkeypatch: pytest.Monk
     if fault in BRIEFLY:
         monkeypatch.setattr(f"uwserver.testing.adapter_kit.{BRIEFLY[fault]}", 1.0)
     monkeypatch.setattr(
-        "uwserver.testing.traces.range", lambda _: range(10), raising=False
+        "uwserver.testing.adapter_kit.range", lambda _: range(10), raising=False
     )  # what is left behind it need not wait for
     right, wrong, phrase = FAULTS[fault]
     assert THIRD_PARTY.count(right) == 1

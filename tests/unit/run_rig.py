@@ -11,7 +11,7 @@ import msgspec
 
 from uwserver.scenario.load.scenario import load
 from uwserver.server.life_cycle import Options, Server
-from uwserver.server.loop import run
+from uwserver.server.process import run
 from uwserver.simulation.clock import Timing
 
 PATIENCE_S = 120.0

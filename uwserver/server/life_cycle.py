@@ -28,9 +28,9 @@ from uwserver.scenario.scene.scenery import Scenery
 from uwserver.server.context import Context, Hub, TickProvider
 from uwserver.server.http import serve_http
 from uwserver.server.playback import Playback
+from uwserver.server.process import signals_received
 from uwserver.server.profiling import Profiling
 from uwserver.server.recordings import Recordings
-from uwserver.server.signals import signals_received
 from uwserver.server.state_files import StateFiles, state_folder
 from uwserver.server.status import Metrics, Monitor
 from uwserver.simulation.bus import Bus

@@ -9,8 +9,8 @@
 - `check_codec` (`uwserver.testing.codecs`): compares a codec with a table of bytes, in both directions: whole, byte by byte, truncated and after
   garbage.
 - `check_sensor` (`uwserver.testing.sensors`): checks the contract of a sensor from its configuration.
-- `check_modifier` (`uwserver.testing.modifiers`): checks the contract of a modifier from its configuration.
-- `check_actuator`, `check_current` (`uwserver.testing.actuators`, `currents`): do the same for actuators and currents.
+- `check_modifier` (`uwserver.testing.components`): checks the contract of a modifier from its configuration.
+- `check_actuator`, `check_current` (`uwserver.testing.components`, `currents`): do the same for actuators and currents.
 - `FakeContext` (`uwserver.testing.fake_context`): an `AdapterContext` without a world, with scripted answers.
 - `FakeGeometry` (`uwserver.testing.fake_geometry`): planes and spheres in closed form, for ranging sensors.
 - `Loopback` (`uwserver.testing.loopback`): a connection in memory for an `asyncio.Protocol`, with a peer that reads only when the test says so.
@@ -19,16 +19,14 @@
 All checks raise AssertionError with a text that says what the contract requires. None needs pytest.
 """
 
-from uwserver.testing.actuators import check_actuator
 from uwserver.testing.adapter_kit import Requests, TcpPeer
 from uwserver.testing.adapters import check_adapter
 from uwserver.testing.codecs import CodecCase, check_codec
-from uwserver.testing.currents import check_current
+from uwserver.testing.components import check_actuator, check_current, check_modifier
 from uwserver.testing.fake_context import FakeContext, sample_of
 from uwserver.testing.fake_geometry import FakeGeometry
 from uwserver.testing.loopback import Loopback
 from uwserver.testing.mock_time import MockTime
-from uwserver.testing.modifiers import check_modifier
 from uwserver.testing.sensors import check_sensor
 
 __all__ = [

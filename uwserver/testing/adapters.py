@@ -15,6 +15,8 @@ from uwserver.testing.adapter_kit import (
     Connect,
     DoesNotApply,
     Requests,
+    Traces,
+    assert_no_traces,
     cancelled,
     running,
     send,
@@ -28,7 +30,6 @@ from uwserver.testing.call_checks import (
     check_time_out,
 )
 from uwserver.testing.fake_context import TICK_NS, FakeContext, sample_of
-from uwserver.testing.traces import Traces, assert_no_traces
 
 GARBAGE = (
     b"\x00" * 64,

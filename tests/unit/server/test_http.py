@@ -15,7 +15,7 @@ import pytest
 
 from uwserver.adapter import AdapterStats, CannotListen, Refusals
 from uwserver.server import http
-from uwserver.testing.traces import Traces, assert_no_traces
+from uwserver.testing.adapter_kit import Traces, assert_no_traces
 
 STATUS: dict[str, Any] = {"failure": "", "tick": 7}
 

@@ -85,8 +85,7 @@ def _main(scenario: str, seed: str = "") -> int:
     from uwserver.scenario.files.errors import ScenarioError
     from uwserver.scenario.load.scenario import load
     from uwserver.server.life_cycle import StartFailed
-    from uwserver.server.loop import run
-    from uwserver.server.signals import end_undisturbed
+    from uwserver.server.process import end_undisturbed, run
 
     set_up_logging("error", False)
     adapters, token = installed_adapters(), new_token()

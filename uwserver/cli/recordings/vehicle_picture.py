@@ -15,7 +15,7 @@ from uwserver.physics.geometry.shapes import Box, Placed, Solid, Sphere
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import SHAPE_BOX
 from uwserver.scenario.load.resolved import ResolvedVehicle
-from uwserver.validation.manoeuvres.outline import outline
+from uwserver.validation.manoeuvres.particulars import outline
 
 _VIEWS = (("from above", 0, 1), ("from starboard", 0, 2), ("from behind", 1, 2))
 """Title of each view, and the axes of B that point to the right and down in it."""

@@ -98,7 +98,7 @@ def play(
     from uwserver.logs import set_up_logging
     from uwserver.recording.player_file import NotPlayable
     from uwserver.recording.player_world import Range
-    from uwserver.server.signals import end_undisturbed
+    from uwserver.server.process import end_undisturbed
     from uwserver.simulation.clock import Timing
 
     set_up_logging(log_level, False)
@@ -160,8 +160,8 @@ def _serve(
 ) -> int:
     from uwserver.adapter import installed_adapters
     from uwserver.server.life_cycle import Options, Server, StartFailed
-    from uwserver.server.loop import run as run_loop
     from uwserver.server.playback import Playback
+    from uwserver.server.process import run as run_loop
 
     adapters = installed_adapters()
     try:

@@ -86,7 +86,7 @@ def run(
     """
     from uwserver.logs import set_up_logging
     from uwserver.server.life_cycle import Options, StartFailed, timing_of
-    from uwserver.server.signals import end_undisturbed
+    from uwserver.server.process import end_undisturbed
     from uwserver.server.state_files import read_state
 
     set_up_logging(log_level, log_json)
@@ -139,7 +139,7 @@ def _timing(given: Timing, mode: str | None, speed: float | None, paused: bool) 
 
 def _run_loop(resolved: Resolved, options: Options) -> int:
     from uwserver.server.life_cycle import Server
-    from uwserver.server.loop import run as run_loop
+    from uwserver.server.process import run as run_loop
 
     async def serve() -> int:
         # The server must be made on the running loop.

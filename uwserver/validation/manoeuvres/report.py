@@ -18,11 +18,20 @@ from uwserver.scenario.world.tables import Environment
 from uwserver.units import deg, rad
 from uwserver.validation.energy import feeds
 from uwserver.validation.manoeuvres import trials
-from uwserver.validation.manoeuvres.figures import BY_THRUST, ON_THE_SPOT, Column, Row, Trial, Value, ahead, turn_told
 from uwserver.validation.manoeuvres.helm import Helm
 from uwserver.validation.manoeuvres.particulars import Particular, guesses, particulars
-from uwserver.validation.manoeuvres.runs import Waters
-from uwserver.validation.manoeuvres.turning import RUDDER, turning_circle, zig_zag
+from uwserver.validation.manoeuvres.runs import (
+    BY_THRUST,
+    ON_THE_SPOT,
+    Column,
+    Row,
+    Trial,
+    Value,
+    Waters,
+    ahead,
+    turn_told,
+)
+from uwserver.validation.manoeuvres.trials import RUDDER, turning_circle, zig_zag
 
 NONE_FOUND = "none found"
 

@@ -1,4 +1,4 @@
-"""Runs of one vehicle side by side. Each run is a row of one world, with a plan of its own that moves the sticks."""
+"""Runs of one vehicle side by side, each a row of one world with a plan of its own that moves the sticks, and the figures that are read from them."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from uwserver.frames import multiply, quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, STATE_SIZE, P, Q
-from uwserver.validation.manoeuvres.bollard import DEPTH
-from uwserver.validation.manoeuvres.helm import Helm, Sticks
+from uwserver.units import deg
+from uwserver.validation.manoeuvres.helm import DEPTH, Helm, Sticks
 
 DT = 0.02
 """Length of a tick, s."""
@@ -187,3 +188,96 @@ def then(first: Sticks, seconds: float, second: Sticks | Plan) -> Plan:
     """Return the plan that holds the first sticks for some seconds, and then the second ones, or follows a plan, whose time begins then."""
     after = second if callable(second) else hold(second)
     return lambda t, state: first if t < seconds - 0.5 * DT else after(t - seconds, state)
+
+
+Value = float | None
+"""A figure; None if the vehicle did not get that far."""
+APPROACH_S, TURNING_S = 120.0, 200.0
+"""Time straight ahead before a manoeuvre, and time of the manoeuvre."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A figure that is read from each run: its name and unit, and a `key` for programs."""
+
+    key: str
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class Row:
+    """The figures of one run, in the order of the trial's columns."""
+
+    condition: str
+    values: tuple[Value, ...]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A manoeuvre and its figures.
+
+    Attributes:
+        key: name for programs.
+        title: name for people.
+        text: how the manoeuvre is done.
+        columns: the figures.
+        rows: the runs; none if the manoeuvre does not apply.
+        reason: why it does not apply.
+    """
+
+    key: str
+    title: str
+    text: str = ""
+    columns: tuple[Column, ...] = ()
+    rows: tuple[Row, ...] = ()
+    reason: str = ""
+
+    def value(self, condition: str, key: str) -> Value:
+        """Return a figure; None also if there is no such run or column."""
+        places = {column.key: k for k, column in enumerate(self.columns)}
+        return next(
+            (row.values[places[key]] for row in self.rows if row.condition == condition and key in places), None
+        )
+
+
+BY_THRUST, ON_THE_SPOT = "ahead 50 %, yaw 50 %", "on the spot, yaw 100 %"
+"""Names of turns by thrusters."""
+
+
+def ahead(throttle: float) -> str:
+    """Return the name of a straight run."""
+    return f"{'astern' if throttle < 0.0 else 'ahead'} {abs(100.0 * throttle):g} %"
+
+
+def turn_told(throttle: float, angle: float) -> str:
+    """Return the name of a turn by rudder (rad)."""
+    return f"{ahead(throttle)}, rudder {degrees(angle)}"
+
+
+def degrees(angle: float) -> str:
+    """Return an angle (rad) in degrees, as text."""
+    return f"{round(deg(angle), 2):g} degrees"
+
+
+def mean(values: FloatArray) -> float:
+    """Return the mean of a series."""
+    return float(values.mean())
+
+
+def steady_mean(values: FloatArray) -> Value:
+    """Return the mean of a series that changes by no more than a tenth of it, or else None."""
+    average = mean(values)
+    return average if float(np.ptp(values)) <= 0.1 * abs(average) + 0.005 else None
+
+
+def first_time(t: FloatArray, reached: npt.NDArray[np.bool_]) -> Value:
+    """Return the first of the times (k) at which a condition (k) holds, s."""
+    k = np.flatnonzero(reached)
+    return float(t[k[0]]) if len(k) else None
+
+
+def level(track: Track) -> tuple[FloatArray, FloatArray]:
+    """Return the velocities (k) to north and east, m/s."""
+    dt = float(track.t[1] - track.t[0])
+    return np.gradient(track.states[:, 0], dt), np.gradient(track.states[:, 1], dt)

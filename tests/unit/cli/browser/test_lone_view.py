@@ -62,7 +62,7 @@ def test_one_that_does_not_start_is_told(monkeypatch: pytest.MonkeyPatch, capsys
     """The process says why, and who started it that there is no address."""
     with monkeypatch.context() as patched:
         patched.setattr("uwserver.logs.set_up_logging", lambda *given: None)
-        patched.setattr("uwserver.server.signals.end_undisturbed", lambda: None)
+        patched.setattr("uwserver.server.process.end_undisturbed", lambda: None)
         assert _main("no_such_scenario") == 1
     assert capsys.readouterr().err.startswith('uwserver: no_such_scenario: unknown scenario "no_such_scenario"')
     monkeypatch.setattr(sys, "executable", "false")

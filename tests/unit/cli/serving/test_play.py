@@ -65,7 +65,7 @@ def test_speed_max_and_options_reach_the_player(tmp_path: Path, monkeypatch: pyt
         return 0
 
     monkeypatch.setattr(module, "_serve", serve)
-    monkeypatch.setattr("uwserver.server.signals.end_undisturbed", lambda: None)
+    monkeypatch.setattr("uwserver.server.process.end_undisturbed", lambda: None)
     options = ["--speed", "max", "--loop", "--paused", "--from", "0.1", "--map", "rov=ghost", "--port", "0"]
     result = CliRunner().invoke(play, [str(tmp_path / "x.mcap"), *options])
     assert result.exit_code == 0, result.output

@@ -33,7 +33,7 @@ def test_what_is_asked_for_is_what_the_server_is_told(
     told: list[Options] = []
     monkeypatch.setattr("uwserver.cli.serving.run._run_loop", lambda resolved, options: told.append(options) or 0)
     monkeypatch.setattr("uwserver.logs.set_up_logging", lambda *given: None)
-    monkeypatch.setattr("uwserver.server.signals.end_undisturbed", lambda: None)
+    monkeypatch.setattr("uwserver.server.process.end_undisturbed", lambda: None)
     given = [
         "bluerov2_open_sea",
         "--mode",

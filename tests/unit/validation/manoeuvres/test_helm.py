@@ -1,4 +1,4 @@
-"""Sticks become the commands that a pilot's box would give, of thrusters, shafts, fins, ballast, and a bare wrench."""
+"""The sticks of a pilot, and bollard pull."""
 
 from __future__ import annotations
 
@@ -11,7 +11,20 @@ from manoeuvre_rig import BATTERY, FINS, FOUR, GLIDER, GUESS, RAFT, ROV, TORPEDO
 
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.layout import NU
-from uwserver.validation.manoeuvres.helm import Helm, Sticks
+from uwserver.validation.manoeuvres.helm import Helm, Sticks, bollard
+
+
+def test_each_command_has_its_wrench(tmp_path: Path) -> None:
+    """50 N at 0.3 m to either side and 5 cm below the origin; nothing at rest."""
+
+    def port(hydro: Hydrodynamics, row: int) -> None:
+        hydro.thrusters["command"][2 * row], hydro.thrusters["fresh"][2 * row] = 1.0, 1
+
+    def still(_hydro: Hydrodynamics, _row: int) -> None:
+        pass
+
+    wrench = bollard(helm(tmp_path, RAFT).body, [still, port])
+    np.testing.assert_allclose(wrench, [[0.0] * 6, [50.0, 0.0, 0.0, 0.0, 2.5, 15.0]], atol=1e-6)
 
 
 def told(one: Helm, **sticks: float) -> Hydrodynamics:

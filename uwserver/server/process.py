@@ -1,13 +1,24 @@
-"""The signals that end a server, on every system. On Windows, asyncio has no signal handlers of its own."""
+"""The process of a server: its event loop, and the signals that end it, on every system."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import signal
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Coroutine, Iterator
 from types import FrameType
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+
+def run(main: Coroutine[Any, Any, T]) -> T:
+    """Run a coroutine as `asyncio.run` does, on a loop that has `add_reader`. The default loop of Windows has none."""
+    if sys.platform == "win32":
+        asyncio.set_event_loop_policy(asyncio.WindowsSelectorEventLoopPolicy())
+    return asyncio.run(main)
+
 
 _ENDING = (signal.SIGINT, signal.SIGTERM)
 
