@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
 import json
+import pkgutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,35 +14,33 @@ import click
 from uwserver_bench.processes import BenchFailed
 
 if TYPE_CHECKING:
-    from uwserver_bench.rows import Row
+    from uwserver_bench.report import Row
 
-PARTS = (
-    "physics",
-    "solids",
-    "contact",
-    "sensors",
-    "swarm",
-    "server",
-    "start",
-    "net",
-    "moos",
-    "mavlink",
-    "ros",
-    "sil",
-    "web",
-    "video",
-    "logs",
-    "hostile",
-)
-
-
-_MODULES = {
-    "physics": ("physics", "remus"),
-    "sensors": ("sensors", "sound", "modems", "cameras"),
-    "video": ("video", "beside"),
-    "logs": ("logs", "recordings"),
+_BENCHES: Mapping[str, tuple[str, ...]] = {
+    "physics": ("engine.physics:bench_physics", "engine.remus:bench_remus"),
+    "solids": ("engine.contact:bench_solids",),
+    "contact": ("engine.contact:bench_contact",),
+    "sensors": (
+        "engine.sensors:bench_sensors",
+        "engine.acoustics:bench_sound",
+        "engine.acoustics:bench_modems",
+        "engine.sensors:bench_cameras",
+    ),
+    "swarm": ("swarm.swarm:bench_swarm",),
+    "server": ("server:bench_server",),
+    "start": ("start:bench_start",),
+    "net": ("net.net:bench_net",),
+    "moos": ("moos.moos:bench_moos",),
+    "mavlink": ("autopilots.mavlink:bench_mavlink",),
+    "ros": ("ros.ros:bench_ros",),
+    "sil": ("autopilots.sil:bench_sil",),
+    "web": ("web.web:bench_web",),
+    "video": ("web.video:bench_video", "web.beside:bench_beside"),
+    "logs": ("logs:bench_logs", "logs:bench_recordings"),
+    "hostile": ("hostile.bench:bench_hostile",),
 }
-"""The modules of the parts that are not in a module of their own name."""
+"""Module and function of each part, in the order in which they are measured."""
+PARTS = tuple(_BENCHES)
 Part = Callable[[bool, Callable[[str], None]], "list[Row]"]
 
 
@@ -100,17 +98,13 @@ def _parts(names: Sequence[str], quick: bool, file: Path | None) -> None:
     machine = machine_facts()
     rows: list[Row] = []
     for name in names:
-        for module in _MODULES.get(name, (name,)):
-            rows += _part(module)(quick, _say)
+        for place in _BENCHES[name]:
+            # Imported here, because a listing of all commands does not need them.
+            part: Part = pkgutil.resolve_name(f"uwserver_bench.{place}")
+            rows += part(quick, _say)
     report = Report(quick, machine, tuple(rows))
     _write(file, report.as_json())
     click.echo(report.table())
-
-
-def _part(module: str) -> Part:
-    # Imported here, because a listing of all commands does not need them.
-    found: Part = getattr(importlib.import_module(f"uwserver_bench.{module}"), f"bench_{module}")
-    return found
 
 
 def _against(venv: Path, pairs: int | None, minutes: float | None, quick: bool, only: str, file: Path | None) -> int:

@@ -15,7 +15,7 @@ from typing import Any
 
 from uwserver.simulation.clock import SystemTime
 from uwserver_bench.processes import carry_out
-from uwserver_bench.rows import quantile
+from uwserver_bench.report import quantile
 
 SUBSCRIBE = b'{"jsonrpc":"2.0","id":0,"method":"subscribe","params":{"pattern":"**"}}\n'
 COMMAND_RATE_HZ = 50.0

@@ -9,9 +9,8 @@ from threading import Event
 
 from uwserver.simulation.clock import SystemTime
 from uwserver.world.warm import warm
-from uwserver_bench.idleness import Bystanders
-from uwserver_bench.processes import BenchFailed, Load, Served, loading, serving
-from uwserver_bench.rows import Row
+from uwserver_bench.processes import BenchFailed, Bystanders, Load, Served, loading, serving
+from uwserver_bench.report import Row
 
 RATE_HZ = 250
 ACTIVE, SILENT, CONNECTIONS = 10, 10, 10

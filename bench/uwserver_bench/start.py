@@ -13,7 +13,7 @@ from threading import Event
 from uwserver.simulation.clock import SystemTime
 from uwserver_bench.load import SUBSCRIBE
 from uwserver_bench.processes import BenchFailed, Served, resident_mb, serving
-from uwserver_bench.rows import Row
+from uwserver_bench.report import Row
 
 DEFAULT_SCENARIO = "bluerov2_pool"
 START_BAR_S, IMPORT_BAR_S, MEMORY_BAR_MB = 3.0, 0.03, 250.0

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from autopilot_server import PATIENCE_S, PRESSURE_50_HZ, SCENARIO, Server, ardusub_scenario, free_port, serving, until
 from nursery import python
-from uwserver_bench.ardupilot_peer import ArduPilotPeer
+from uwserver_bench.autopilots.ardupilot_peer import ArduPilotPeer
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 from uwserver_adapters.sockets import SocketsAdapter
-from uwserver_bench.net_processes import HAS_ZENOH
-from uwserver_bench.wires import Peer, ask, connect
+from uwserver_bench.net.net_processes import HAS_ZENOH
+from uwserver_bench.net.wires import Peer, ask, connect
 
 from uwserver.adapter import SampleForm
 from uwserver.testing import FakeContext

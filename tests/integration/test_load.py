@@ -17,13 +17,13 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from uwserver_bench.net_processes import HAS_ZENOH, WIRE_ADDRESS, Router, Traced, free_endpoint, tracing
+from uwserver_bench.net.net_processes import HAS_ZENOH, WIRE_ADDRESS, Router, Traced, free_endpoint, tracing
+from uwserver_bench.net.wires import Peer, ask, connect
 from uwserver_bench.processes import loading
 from uwserver_bench.server import STATUS
-from uwserver_bench.wires import Peer, ask, connect
 
 PATIENCE_S = 30.0
-LOAD = "uwserver_bench.net_load"
+LOAD = "uwserver_bench.net.net_load"
 ZENOH = pytest.param(
     "zenoh",
     marks=pytest.mark.skipif(not HAS_ZENOH, reason="eclipse-zenoh is not installed"),

@@ -16,8 +16,8 @@ from typing import Any
 import pytest
 from nursery import python
 from uwserver_adapters.moos import wire as moos
+from uwserver_bench.net.wires import Peer, Refusal, TimedMessage, ZenohPeer, ask, connect
 from uwserver_bench.processes import serving
-from uwserver_bench.wires import Peer, Refusal, TimedMessage, ZenohPeer, ask, connect
 
 from uwserver.ports import Port
 from uwserver.sensors import AcousticModemConfig, Pose

@@ -26,8 +26,8 @@ import pytest
 from middlewares import CLIENTS, IMU, POSE, SINGLE, Client, moment
 from nursery import python
 from uwserver_adapters.moos import wire as moos
+from uwserver_bench.net.wires import Peer, TimedMessage, ZenohPeer, ask, connect
 from uwserver_bench.processes import serving
-from uwserver_bench.wires import Peer, TimedMessage, ZenohPeer, ask, connect
 
 from uwserver.adapter import installed_adapters
 from uwserver.ports import Field, Sample

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from uwserver_bench.sensors import DEPTH_M, SCENARIO
-from uwserver_bench.solids import seabed_mesh
+from uwserver_bench.engine.contact import seabed_mesh
+from uwserver_bench.engine.sensors import DEPTH_M, SCENARIO
 
 RATE_HZ = 240
 SPACING_M = 5.0

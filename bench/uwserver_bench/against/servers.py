@@ -16,17 +16,17 @@ from threading import Event
 from typing import Any, Protocol
 
 from uwserver.simulation.clock import SystemTime
-from uwserver_bench import moos_load
 from uwserver_bench.against import scenarios
 from uwserver_bench.against.installation import Installation
 from uwserver_bench.against.pairs import Kind, Pairs, Unable, in_turns
-from uwserver_bench.mavlink_peer import MavlinkPeer
-from uwserver_bench.moos_peer import MoosPeer
+from uwserver_bench.autopilots.mavlink import MavlinkPeer
+from uwserver_bench.moos import moos_load
+from uwserver_bench.moos.moos_load import MoosPeer
+from uwserver_bench.net.wires import Peer, Refusal, SocketPeer, ZenohPeer, ask, connect
 from uwserver_bench.processes import BenchFailed, Served, processor_s, resident_mb, serving
-from uwserver_bench.rows import quantile
+from uwserver_bench.report import quantile
 from uwserver_bench.server import LATENESS_BAR_MS, STATUS, lateness_p99_ms
 from uwserver_bench.start import START_BAR_S, first_sample
-from uwserver_bench.wires import Peer, Refusal, SocketPeer, ZenohPeer, ask, connect
 
 SPEED = 4.0
 CLIENTS, STATIONS = 30, 4

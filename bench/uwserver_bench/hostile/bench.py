@@ -20,9 +20,9 @@ from uwserver.simulation.clock import SystemTime
 from uwserver.world.warm import warm
 from uwserver_bench.hostile.decoding import costs
 from uwserver_bench.hostile.floods import FLOODS, HAS_MAVLINK, MAVLINK, RATE_HZ, SCENARIO, Flood
+from uwserver_bench.net.traced import TICKS, open_spent, open_trace
 from uwserver_bench.processes import BenchFailed, Load, loading, stop
-from uwserver_bench.rows import Row
-from uwserver_bench.traced import TICKS, open_spent, open_trace
+from uwserver_bench.report import Row
 
 DELAY_BAR_MS = 2.0
 TICK_NS = 10**9 // RATE_HZ
@@ -82,7 +82,7 @@ def delay_of(ends: npt.NDArray[np.int64], spent: npt.NDArray[np.int64], start_ns
 
     Args:
         ends: end times of the ticks, ns, in any order.
-        spent: times of the threads until each of them (`uwserver_bench.traced.Threads`).
+        spent: times of the threads until each of them (`uwserver_bench.net.traced.Threads`).
         start_ns, end_ns: the time.
     """
     found = np.flatnonzero((ends >= start_ns) & (ends <= end_ns))
@@ -104,7 +104,7 @@ def _serving() -> Iterator[Target]:
     with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder:
         scenario, trace = Path(folder) / "hostile.toml", str(Path(folder) / "trace")
         scenario.write_text(SCENARIO + (MAVLINK if HAS_MAVLINK else ""), encoding="utf-8")
-        command = [sys.executable, "-m", "uwserver_bench.traced", str(scenario), trace, "threads"]
+        command = [sys.executable, "-m", "uwserver_bench.net.traced", str(scenario), trace, "threads"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
             try:
                 assert process.stdout is not None

@@ -22,7 +22,7 @@ from uwserver.adapter import frame, line
 from uwserver.ports import Refused
 from uwserver_bench.hostile.holding import Cost, Rival
 from uwserver_bench.hostile.messages import JSON, MIB, MSGPACK
-from uwserver_bench.rows import Row
+from uwserver_bench.report import Row
 
 BAR_MS = 1.0
 TRIES = 5

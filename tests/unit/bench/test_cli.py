@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pkgutil
 from pathlib import Path
 
 import pytest
@@ -72,5 +73,5 @@ def test_what_makes_no_sense_is_refused(options: list[str], text: str) -> None:
 
 def test_each_part_has_its_function() -> None:
     for name in cli.PARTS:
-        for module in cli._MODULES.get(name, (name,)):
-            assert callable(cli._part(module))
+        for place in cli._BENCHES[name]:
+            assert callable(pkgutil.resolve_name(f"uwserver_bench.{place}"))

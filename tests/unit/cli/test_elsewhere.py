@@ -58,4 +58,4 @@ def test_a_listing_of_commands_loads_neither_physics_nor_benchmark() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = set(done.stdout.splitlines()[-1].split())
     assert "uwserver.cli" in loaded
-    assert not loaded & {"uwserver_bench.physics", "uwserver_bench.against.compare", "mujoco", "pybullet"}
+    assert not loaded & {"uwserver_bench.engine.physics", "uwserver_bench.against.compare", "mujoco", "pybullet"}

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from uwserver_adapters.ardupilot.driver import COUNTS, NO_ECHO_M, RATE_FRAMES, ArduPilotDriver, State
 from uwserver_adapters.sil.in_the_loop import Outputs, OutputTable, Scale
-from uwserver_bench.ardupilot_peer import ArduPilotPeer, read, servo_packet
+from uwserver_bench.autopilots.ardupilot_peer import ArduPilotPeer, read, servo_packet
 
 from uwserver.adapter import AdapterStats, CannotServe, Order, Readings
 from uwserver.frames import conjugate, rotate

@@ -9,7 +9,7 @@ import pytest
 from uwserver_adapters.ardupilot import wire
 from uwserver_adapters.ardupilot.wire import Frame
 from uwserver_adapters.sil.in_the_loop import Scale
-from uwserver_bench.ardupilot_peer import Misread, read, servo_packet
+from uwserver_bench.autopilots.ardupilot_peer import Misread, read, servo_packet
 
 STATE = (
     1_500_000_000,

@@ -17,7 +17,7 @@ from uwserver.ports import Event, Field, Port, Sample
 from uwserver.recording.format import StateHash
 from uwserver.recording.writer import RecordingWriter
 
-PAGE = Path(__file__).parents[3] / "docs" / "how-to" / "logs.md"
+PAGE = Path(__file__).parents[4] / "docs" / "how-to" / "logs.md"
 
 
 @pytest.fixture

@@ -1,0 +1,1 @@
+"""The benchmarks of MAVLink and of autopilots in the loop."""

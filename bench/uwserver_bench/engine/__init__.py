@@ -1,0 +1,1 @@
+"""Parts of the benchmark that step worlds and sensors in this process."""

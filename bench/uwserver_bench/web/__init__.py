@@ -1,0 +1,1 @@
+"""The benchmarks of the web view, of video and of pictures."""
