@@ -395,7 +395,7 @@ def _video() -> Iterator[Row]:
 
 def _health() -> Iterator[Row]:
     yield "connections", str(http.MOST_PEERS), "the oldest is closed"
-    yield "a request, and its time", f"{_bytes(http.REQUEST_LIMIT)}, {http.REQUEST_TIMEOUT_S:g} s", "4xx, disconnected"
+    yield "a request, and its time", f"{_bytes(http.HEAD_LIMIT)}, {http.REQUEST_TIMEOUT_S:g} s", "4xx, disconnected"
 
 
 def _life() -> Iterator[Row]:

@@ -285,7 +285,6 @@ def folder(where: Path | None = None) -> Finding:
 def scenario(reference: str) -> Finding:
     """Check that a scenario, shipped or a file, has no fault, and that all that it needs is installed."""
     from uwserver.scenario.files.errors import ScenarioError
-    from uwserver.scenario.load.extras import INSTALL_ALL
     from uwserver.scenario.load.scenario import load
 
     name = f"scenario {reference}"
@@ -294,8 +293,7 @@ def scenario(reference: str) -> Finding:
     except ScenarioError as error:
         return Finding(name, "fault", str(error), f"mend it until this says ok: uwserver check {reference}")
     if resolved.missing:
-        absent, _, remedy = resolved.missing.partition(INSTALL_ALL)
-        return Finding(name, "fault", absent, remedy)
+        return Finding(name, "fault", resolved.missing.what, resolved.missing.command)
     return Finding(name, "ok", "all that it needs is installed")
 
 

@@ -6,10 +6,8 @@ import asyncio
 import contextlib
 import json
 import logging
-import re
 from collections.abc import AsyncIterator, Callable, Sequence
 from functools import partial
-from typing import Final
 
 from uwserver.adapter import (
     AdapterStats,
@@ -20,22 +18,15 @@ from uwserver.adapter import (
     is_host_known,
     serve_tcp,
 )
+from uwserver.adapter.http import HEAD_END, HEAD_LIMIT, parse
 from uwserver.ports import Json
 
 log = logging.getLogger(__name__)
 
 REQUEST_TIMEOUT_S = 5.0
 """Wall time in which a peer must have sent its request, and then the same time in which it must have read the answer."""
-REQUEST_LIMIT = 1 << 14
-"""Longest head of a request, bytes."""
 MOST_PEERS = 64
 """Most connections at a time; a new one closes the oldest."""
-
-_END: Final = b"\r\n\r\n"
-_FIRST: Final = re.compile(r"([!#$%&'*+\-.^_`|~0-9A-Za-z]+) ([!-~]+) HTTP/1\.[01]")
-_HEADER: Final = re.compile(
-    r"([!#$%&'*+\-.^_`|~0-9A-Za-z]+):([^\r\n\0]*)"
-)  # The pattern matches in one way only, so that no header takes long.
 
 
 class Service:
@@ -60,19 +51,13 @@ class Service:
         self._hosts = hosts
         self._refusals = refusals
 
-    def answer(self, head: str) -> bytes:
+    def answer(self, head: bytes) -> bytes:
         """Return the answer to the head of a request."""
-        first, *lines = head.split("\r\n")
-        request = _FIRST.fullmatch(first)
-        headers = [_HEADER.fullmatch(line) for line in lines]
-        if request is None or not all(headers):
+        request = parse(head)
+        if request is None:
             return http_answer("400 Bad Request", "this is no request of HTTP/1.1\n")
-        method, path = request.groups()
-        with_body = method != "HEAD"
-        for header in headers:
-            if header is None or header[1].lower() != "host":
-                continue
-            name = header[2].strip(" \t")
+        method, with_body = request.method, request.method != "HEAD"
+        for name in request.headers.get("host", ()):
             if not is_host_known(name, self._hosts):
                 # A web page whose host name was made to point here (DNS rebinding) could read the answer.
                 text = f'"{name[:200]}" is no known name of this server: ask by address, or add it to [server] allowed_hosts'
@@ -81,7 +66,7 @@ class Service:
         if method not in ("GET", "HEAD"):
             self._refusals.note("method", f"{method[:20]} is neither GET nor HEAD")
             return http_answer("405 Method Not Allowed", "ask with GET or HEAD\n", "Allow: GET, HEAD\r\n")
-        return self._answer(path, with_body)
+        return self._answer(request.target, with_body)
 
     def _answer(self, path: str, with_body: bool) -> bytes:
         try:
@@ -123,10 +108,10 @@ class Asker(Connection):
 
     def step(self) -> bool:
         """Answer once the head is complete. Bytes that are no HTTP get no answer."""
-        end = self._head.find(_END, 0, REQUEST_LIMIT)
+        end = self._head.find(HEAD_END, 0, HEAD_LIMIT)
         if end >= 0 and self._is_http:
-            self.farewell(self._service.answer(self._head[:end].decode("latin-1")), REQUEST_TIMEOUT_S)
-        elif not self._is_http or len(self._head) >= REQUEST_LIMIT:
+            self.farewell(self._service.answer(bytes(self._head[:end])), REQUEST_TIMEOUT_S)
+        elif not self._is_http or len(self._head) >= HEAD_LIMIT:
             self.abort()
         return False
 

@@ -8,6 +8,7 @@ from typing import Final
 from websockets.frames import Frame, Opcode
 
 from uwserver.adapter import Peer, Peers
+from uwserver.adapter.http import HEAD_END, HEAD_LIMIT, Request, parse
 from uwserver.ports import Json
 from uwserver_adapters.native.codec import Codec
 from uwserver_adapters.native.connection import NativeConnection
@@ -15,7 +16,7 @@ from uwserver_adapters.native.messages import Notice
 from uwserver_adapters.native.session import Session
 from uwserver_adapters.native.websocket import Handshake
 from uwserver_adapters.web.config import WebConfig
-from uwserver_adapters.web.http import END, HEAD_LIMIT, Answer, Request, parse, text
+from uwserver_adapters.web.http import Answer, text
 from uwserver_adapters.web.service import WebService
 from uwserver_adapters.web.site import LIVE, Site
 
@@ -71,7 +72,7 @@ class WebConnection(NativeConnection):
                 super().receive(data)
             return
         self._head += data
-        end = self._head.find(END, 0, HEAD_LIMIT)
+        end = self._head.find(HEAD_END, 0, HEAD_LIMIT)
         if end < 0:
             if len(self._head) >= HEAD_LIMIT:
                 self._answer(text("431 Request Header Fields Too Large", "the head of this request is too long"))

@@ -11,10 +11,11 @@ from typing import Final
 import msgspec
 
 from uwserver.adapter import AdapterContext, Refusals, is_host_known
+from uwserver.adapter.http import Request
 from uwserver.ports import Progress, Refused, Reply, SceneState
 from uwserver_adapters.web.config import WebConfig
 from uwserver_adapters.web.files import Files, StaticFile, static_file
-from uwserver_adapters.web.http import Answer, Request, is_same, takes_gzip, text
+from uwserver_adapters.web.http import Answer, is_same, takes_gzip, text
 from uwserver_adapters.web.service import WebService
 
 log = logging.getLogger(__name__)

@@ -8,6 +8,7 @@ import click
 import pytest
 
 from uwserver.cli.loading import loaded, require_packages, with_adapter, with_changes
+from uwserver.scenario.load.extras import Missing
 
 
 def test_faults_are_printed_and_end_the_command(capsys: pytest.CaptureFixture[str]) -> None:
@@ -29,5 +30,8 @@ def test_a_changed_copy_leaves_the_scenario_as_it_is() -> None:
 def test_a_missing_package_ends_the_command() -> None:
     resolved, _ = loaded("bluerov2_pool")
     require_packages(resolved)
-    with pytest.raises(click.ClickException, match="bluerov2_pool: it needs scipy"):
-        require_packages(replace(resolved, missing="it needs scipy"))
+    with pytest.raises(
+        click.ClickException,
+        match="bluerov2_pool: not installed: scipy; install all that this scenario needs: pip install scipy",
+    ):
+        require_packages(replace(resolved, missing=Missing(("scipy",), "pip install scipy")))

@@ -207,7 +207,10 @@ def test_no_head_takes_long_and_a_bare_line_feed_is_refused():
         took_s = []
         for _ in range(5):  # something else may be done meanwhile, as a collection of garbage
             before = time.process_time()
-            assert service.answer(f"GET /health HTTP/1.1\r\nx:{value}\r\nHost: \t localhost ").split()[1] == status
+            assert (
+                service.answer(f"GET /health HTTP/1.1\r\nx:{value}\r\nHost: \t localhost ".encode()).split()[1]
+                == status
+            )
             took_s.append(time.process_time() - before)
         assert min(took_s) < 0.05
 
@@ -215,5 +218,5 @@ def test_no_head_takes_long_and_a_bare_line_feed_is_refused():
 @pytest.mark.parametrize("name", ["Host", "host", "HOST", "hOsT"])
 def test_a_name_that_is_not_known_is_refused_however_its_header_is_written(name: str):
     service = http.Service(lambda: STATUS, lambda: b"", (), Refusals("x", AdapterStats(), time.monotonic))
-    assert service.answer(f"GET /health HTTP/1.1\r\n{name}: evil.example").split()[1] == b"421"
-    assert service.answer(f"GET /health HTTP/1.1\r\n{name}: localhost").split()[1] == b"200"
+    assert service.answer(f"GET /health HTTP/1.1\r\n{name}: evil.example".encode()).split()[1] == b"421"
+    assert service.answer(f"GET /health HTTP/1.1\r\n{name}: localhost".encode()).split()[1] == b"200"

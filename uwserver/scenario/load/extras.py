@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from importlib.util import find_spec
+from typing import NamedTuple
 
 from msgspec import UNSET
 
@@ -15,8 +16,6 @@ from uwserver.scenario.solids.tables import GridSeabed
 
 _OWN = re.compile(r"uwserver(?:\[(\w+)\])?")
 """Requirement for this distribution itself or one of its extras."""
-INSTALL_ALL = "; install all that this scenario needs: "
-"""Stands between what is missing and the command."""
 _SOLID = "uwserver[solid]"
 _ENGINES = {
     AUTO: ("pybullet or coal", _SOLID),
@@ -26,8 +25,23 @@ _ENGINES = {
 """What is missing without an engine for contacts, and the requirement, by the name of the engine in `[world]`."""
 
 
-def missing_extras(scenario: Scenario, is_solid: bool) -> str:
-    """Return which packages are missing for a scenario, with the command that installs them; "" if none is missing.
+class Missing(NamedTuple):
+    """Packages that a scenario needs but that are not installed, and the shell command that installs them."""
+
+    packages: tuple[str, ...]
+    command: str
+
+    def __str__(self) -> str:
+        return f"{self.what}; install all that this scenario needs: {self.command}"
+
+    @property
+    def what(self) -> str:
+        """The packages in words."""
+        return f"not installed: {', '.join(self.packages)}"
+
+
+def missing_extras(scenario: Scenario, is_solid: bool) -> Missing | None:
+    """Return which packages are missing for a scenario; None if none is missing.
 
     Args:
         scenario: typed.
@@ -40,9 +54,9 @@ def missing_extras(scenario: Scenario, is_solid: bool) -> str:
         name, requirement = _ENGINES[engine]
         absent[name] = requirement
     if not absent:
-        return ""
+        return None
     names = dict.fromkeys(module.partition(".")[0] for module in absent)
-    return f"not installed: {', '.join(names)}{INSTALL_ALL}{install_command(absent.values())}"
+    return Missing(tuple(names), install_command(absent.values()))
 
 
 def install_command(requirements: Iterable[str]) -> str:

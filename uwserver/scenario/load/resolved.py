@@ -11,6 +11,7 @@ from msgspec import UnsetType
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.geometry.shapes import Solid
 from uwserver.scenario.files.errors import Problem
+from uwserver.scenario.load.extras import Missing
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.solids.tables import ObjectEntry
 from uwserver.scenario.vehicle.entry import VehicleEntry
@@ -81,7 +82,7 @@ class Resolved:
         objects: free objects, in the order of the file.
         materials: names of the materials, in the order of their numbers.
         looks: checked .glb files of structures, by name.
-        missing: packages that are needed but not installed, with the command that installs them; "" if none is missing.
+        missing: packages that are needed but not installed; None if none is missing.
     """
 
     name: str
@@ -92,7 +93,7 @@ class Resolved:
     static: Mapping[str, Solid] = field(default_factory=dict)
     objects: Mapping[str, ResolvedObject] = field(default_factory=dict)
     materials: tuple[str, ...] = ()
-    missing: str = ""
+    missing: Missing | None = None
     looks: Mapping[str, bytes] = field(default_factory=dict, repr=False)
 
     @property

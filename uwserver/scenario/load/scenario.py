@@ -19,7 +19,7 @@ from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, Seve
 from uwserver.scenario.load.checks import check_components, check_delays, check_faults, check_scenario, check_tables
 from uwserver.scenario.load.export import tables
 from uwserver.scenario.load.extensions import extension_kinds
-from uwserver.scenario.load.extras import missing_extras
+from uwserver.scenario.load.extras import Missing, missing_extras
 from uwserver.scenario.load.plausibility import check_plausible, check_reachable
 from uwserver.scenario.load.resolved import Resolved, ResolvedVehicle
 from uwserver.scenario.load.solids import SolidFiles
@@ -139,10 +139,10 @@ class _Load:
         if scenario is not None:
             check_components(scenario, files, report)
             check_delays(scenario, files, report)
-        missing = "" if scenario is None else missing_extras(scenario, len(self._solids.vehicles) > 1)
+        missing = None if scenario is None else missing_extras(scenario, len(self._solids.vehicles) > 1)
         if scenario is None or self._errors():
             if missing:
-                self._problems.append(Problem(self._document.label, 0, 0, "", missing, "warning"))
+                self._problems.append(Problem(self._document.label, 0, 0, "", str(missing), "warning"))
             raise ScenarioError(_in_order(self._problems))
         by_table = {
             key: [
@@ -156,7 +156,9 @@ class _Load:
             check_reachable(scenario, self._warn(self._document))
         return self._resolved(scenario, by_table, missing)
 
-    def _resolved(self, scenario: Scenario, by_table: Mapping[str, list[ResolvedVehicle]], missing: str) -> Resolved:
+    def _resolved(
+        self, scenario: Scenario, by_table: Mapping[str, list[ResolvedVehicle]], missing: Missing | None
+    ) -> Resolved:
         vehicles = {vehicle.name: vehicle for group in by_table.values() for vehicle in group}
         scenario = msgspec.structs.replace(scenario, vehicles={name: each.entry for name, each in vehicles.items()})
         path, solids, problems = self._document.path, self._solids, _in_order(self._problems)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 
 import pytest
-from uwserver_adapters.web.http import HEAD_LIMIT, parse
+
+from uwserver.adapter.http import HEAD_LIMIT, parse
 
 
 def test_a_head_is_read() -> None:
