@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import selectors
 import socket
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -154,10 +154,5 @@ def _connect(task: Mapping[str, Any], receive_buffer: int = 0) -> socket.socket:
 _TASKS: Mapping[str, Callable[[Mapping[str, Any]], dict[str, object]]] = {"clients": clients, "calls": calls}
 
 
-def main(lines: Sequence[str] | None = None) -> None:
-    """Carry out tasks until stdin ends."""
-    carry_out(_TASKS, "load", lines=lines)
-
-
 if __name__ == "__main__":
-    main()
+    carry_out(_TASKS, "load")

@@ -25,7 +25,7 @@ from uwserver.logfiles import open_log
 from uwserver.recording.player_track import Track
 from uwserver.recording.states import ENTITY_LISTS, STATES
 from uwserver.simulation.clock import SystemTime, processor_ns
-from uwserver_bench.processes import BenchFailed, Served, _address, serving, stop
+from uwserver_bench.processes import BenchFailed, Served, running, served_by, serving
 from uwserver_bench.report import Row
 from uwserver_bench.server import LATENESS_BAR_MS, lateness_p99_ms
 
@@ -182,13 +182,8 @@ def _processor_s(*options: str) -> float:
 def _played(file: Path, seconds: float) -> float:
     """Return how many seconds of a recording are played per second to clients that take every sample."""
     command = [sys.executable, "-m", "uwserver", "play", str(file), "--port", "0", "--paused", "--speed", "max"]
-    with subprocess.Popen([*command, "--log-level", "error"], stdout=subprocess.PIPE) as process:
-        try:
-            assert process.stdout is not None
-            host, port = _address(process.stdout, " ".join(command))
-            return _fastest(Served(host, port, process.pid), seconds)
-        finally:
-            stop(process)
+    with running([*command, "--log-level", "error"], stdout=subprocess.PIPE) as process:
+        return _fastest(served_by(process, " ".join(command)), seconds)
 
 
 def _fastest(served: Served, seconds: float) -> float:

@@ -10,10 +10,11 @@ import selectors
 import socket
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from uwserver.simulation.clock import SystemTime
 
@@ -73,13 +74,8 @@ def serving(
         BenchFailed: it did not start.
     """
     command = [python, "-m", "uwserver", "run", str(scenario), "--port", "0", "--log-level", "error", *options]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=place, env=dict(environment)) as process:
-        try:
-            assert process.stdout is not None
-            host, port = _address(process.stdout, " ".join(command))
-            yield Served(host, port, process.pid)
-        finally:
-            stop(process)
+    with running(command, stdout=subprocess.PIPE, cwd=place, env=dict(environment)) as process:
+        yield served_by(process, " ".join(command))
 
 
 Task = Mapping[str, Any]
@@ -157,17 +153,37 @@ class Load:
 @contextlib.contextmanager
 def loading(module: str = "uwserver_bench.load") -> Iterator[Load]:
     """Run the load process while the context is open. `module` carries out its tasks."""
-    command = [sys.executable, "-m", module]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+    with running([sys.executable, "-m", module], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        yield Load(process)
+
+
+@contextlib.contextmanager
+def running(command: Sequence[str], **options: Any) -> Iterator[subprocess.Popen[bytes]]:
+    """Run a process while the context is open. Options are those of `subprocess.Popen`."""
+    with subprocess.Popen(command, **options) as process:
         try:
-            yield Load(process)
+            yield process
         finally:
             stop(process)
 
 
-def _address(stdout: IO[bytes], command: str) -> tuple[str, int]:
-    """Return the address that the server has printed."""
-    clock, seen = SystemTime(), b""
+@contextlib.contextmanager
+def scenario_file(text: str) -> Iterator[Path]:
+    """Write a scenario to a file of its own folder, which is removed when the context is closed."""
+    with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder:
+        file = Path(folder, "bench.toml")
+        file.write_text(text, encoding="utf-8")
+        yield file
+
+
+def served_by(process: subprocess.Popen[bytes], command: str) -> Served:
+    """Wait until a process has printed the address of its server.
+
+    Raises:
+        BenchFailed: it named no address.
+    """
+    assert process.stdout is not None
+    clock, seen, stdout = SystemTime(), b"", process.stdout
     deadline = clock.now_ns() + int(START_TIMEOUT_S * 1e9)
     with selectors.DefaultSelector() as selector:
         selector.register(stdout, selectors.EVENT_READ)
@@ -179,7 +195,7 @@ def _address(stdout: IO[bytes], command: str) -> tuple[str, int]:
                 break
             seen += chunk
             if found := _ADDRESS.search(seen):
-                return found[1].decode(), int(found[2])
+                return Served(found[1].decode(), int(found[2]), process.pid)
     raise BenchFailed(f"{command} named no address; it printed: {seen.decode(errors='replace') or 'nothing'}")
 
 

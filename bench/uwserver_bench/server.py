@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from threading import Event
 
 from uwserver.simulation.clock import SystemTime
 from uwserver.world.warm import warm
-from uwserver_bench.processes import BenchFailed, Bystanders, Load, Served, loading, serving
+from uwserver_bench.processes import BenchFailed, Bystanders, Load, Served, loading, scenario_file, serving
 from uwserver_bench.report import Row
 
 RATE_HZ = 250
@@ -74,9 +73,7 @@ def bench_server(quick: bool, say: Callable[[str], None]) -> list[Row]:
     """
     say("server: warming the kernel cache")
     warm()
-    with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder, loading() as load:
-        scenario = Path(folder) / "bench.toml"
-        scenario.write_text(SCENARIO, encoding="utf-8")
+    with scenario_file(SCENARIO) as scenario, loading() as load:
         pairs, seconds = (1, 0.5) if quick else (5, 4.0)
         rows = _lateness(scenario, load, pairs, seconds, say)
         repeats, seconds = (1, 0.2) if quick else (5, 1.0)

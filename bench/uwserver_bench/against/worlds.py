@@ -17,7 +17,7 @@ import numpy as np
 from uwserver_bench.against import scenarios
 from uwserver_bench.against.installation import Installation
 from uwserver_bench.against.pairs import SIDES, Kind, Pairs, Say, Unable, in_turns
-from uwserver_bench.processes import BenchFailed, stop
+from uwserver_bench.processes import BenchFailed, running
 from uwserver_bench.start import IMPORT_BAR_S, import_s
 
 PATIENCE_S = 900.0
@@ -68,13 +68,9 @@ class Probe:
 def probing(version: Installation, place: Path) -> Iterator[Probe]:
     """Run a probe of a version while the context is open."""
     command = [version.python, str(Path(__file__).with_name("probe.py"))]
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=place, env=dict(version.environment)
-    ) as process:
-        try:
-            yield Probe(process, version.side)
-        finally:
-            stop(process)
+    pipe = subprocess.PIPE
+    with running(command, stdin=pipe, stdout=pipe, cwd=place, env=dict(version.environment)) as process:
+        yield Probe(process, version.side)
 
 
 @dataclass(frozen=True)

@@ -9,15 +9,13 @@ import contextlib
 import selectors
 import socket
 import struct
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from importlib.util import find_spec
-from pathlib import Path
 from threading import Event
 
 from uwserver.simulation.clock import SystemTime
 from uwserver.world.warm import warm
-from uwserver_bench.processes import BenchFailed, Served, processor_s, serving
+from uwserver_bench.processes import BenchFailed, Served, processor_s, scenario_file, serving
 from uwserver_bench.report import Row
 from uwserver_bench.server import STATUS
 
@@ -83,12 +81,9 @@ def bench_mavlink(quick: bool, say: Callable[[str], None]) -> list[Row]:
 @contextlib.contextmanager
 def _serving() -> Iterator[tuple[Served, int]]:
     """Start a server. Yields it and its UDP port for ground stations."""
-    with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder:
-        scenario = Path(folder) / "mavlink.toml"
-        scenario.write_text(_SCENARIO, encoding="utf-8")
-        with serving(scenario) as served:
-            address = served.ask(STATUS)["value"]["adapters"]["gcs"]["address"]
-            yield served, int(address.rpartition(":")[2])
+    with scenario_file(_SCENARIO) as scenario, serving(scenario) as served:
+        address = served.ask(STATUS)["value"]["adapters"]["gcs"]["address"]
+        yield served, int(address.rpartition(":")[2])
 
 
 @contextlib.contextmanager

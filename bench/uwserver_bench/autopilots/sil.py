@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
-from pathlib import Path
 
 from uwserver.world.warm import warm
-from uwserver_bench.processes import loading, serving
+from uwserver_bench.processes import loading, scenario_file, serving
 from uwserver_bench.report import Row
 from uwserver_bench.server import STATUS
 
@@ -63,9 +61,8 @@ def bench_sil(quick: bool, say: Callable[[str], None]) -> list[Row]:
     """
     warm()
     repeats, seconds = (1, 0.5) if quick else (3, 5.0)
-    with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder:
-        free, _ = _run(Path(folder), "", repeats, seconds, say)
-        paced, lost = _run(Path(folder), "max_speed = 1.0", repeats, 4 * seconds, say)
+    free, _ = _run("", repeats, seconds, say)
+    paced, lost = _run("max_speed = 1.0", repeats, 4 * seconds, say)
     return [
         Row("sil", "ArduPilot JSON, free-running: frames, each a tick", "1/s", free, at_least=FREE_BAR),
         Row("sil", f"ArduPilot JSON, real time: frames of {RATE_HZ:g} a second", "1/s", paced, at_least=0.999 * RATE_HZ),
@@ -74,13 +71,12 @@ def bench_sil(quick: bool, say: Callable[[str], None]) -> list[Row]:
 
 
 def _run(
-    folder: Path, pace: str, repeats: int, seconds: float, say: Callable[[str], None]
+    pace: str, repeats: int, seconds: float, say: Callable[[str], None]
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return the frames per second of each repeat, and the numbers of frames that were repeated or lost."""
-    scenario = folder / "sil.toml"
-    scenario.write_text(_SCENARIO.format(pace=pace), encoding="utf-8")
     rates, lost = list[float](), list[float]()
-    with serving(scenario) as served, loading(_LOAD) as load:
+    text = _SCENARIO.format(pace=pace)
+    with scenario_file(text) as scenario, serving(scenario) as served, loading(_LOAD) as load:
         stats = served.ask(STATUS)["value"]["adapters"]["autopilot"]
         task = {"address": stats["address"], "first": 0, "source": 0}
         task |= _next(load.ask("frames", **task, seconds=_SETTLE_S))

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import socket
 import struct
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from uwserver.simulation.clock import SystemTime
+from uwserver_bench.processes import carry_out
 
 MAGIC, RATE_HZ, CHANNELS = 18458, 1200, 16
 PATIENCE_S = 1.0
@@ -55,15 +54,5 @@ def frames(task: Mapping[str, Any]) -> dict[str, object]:
         }
 
 
-def main(lines: Sequence[str] | None = None) -> None:
-    """Carry out tasks until stdin ends."""
-    for line in sys.stdin if lines is None else lines:
-        try:
-            result = frames(json.loads(line))
-        except (OSError, ValueError) as error:
-            result = {"failed": f"autopilot: {error}"}
-        print(json.dumps(result), flush=True)
-
-
 if __name__ == "__main__":
-    main()
+    carry_out({"frames": frames}, "autopilot")

@@ -2,14 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-import json
-import subprocess
-import sys
-import tempfile
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable
 from threading import Event
 from typing import NamedTuple
 
@@ -20,8 +13,9 @@ from uwserver.simulation.clock import SystemTime
 from uwserver.world.warm import warm
 from uwserver_bench.hostile.decoding import costs
 from uwserver_bench.hostile.floods import FLOODS, HAS_MAVLINK, MAVLINK, RATE_HZ, SCENARIO, Flood
+from uwserver_bench.net.net_processes import Traced, traced_server
 from uwserver_bench.net.traced import TICKS, open_spent, open_trace
-from uwserver_bench.processes import BenchFailed, Load, loading, stop
+from uwserver_bench.processes import Load, loading
 from uwserver_bench.report import Row
 
 DELAY_BAR_MS = 2.0
@@ -43,7 +37,9 @@ def bench_hostile(quick: bool, say: Callable[[str], None]) -> list[Row]:
     rows = costs(quick, say)
     warm()
     repeats, seconds = (1, 0.5) if quick else (3, 2.0)
-    with loading(_LOAD) as load, _serving() as target:
+    text = SCENARIO + (MAVLINK if HAS_MAVLINK else "")
+    with loading(_LOAD) as load, traced_server(text, "threads", is_quiet=True) as target:
+        SystemTime().wait(_SETTLE_S, Event())
         for flood in FLOODS.values():
             say(f"hostile: {flood.name}")
             rows += _flooded(flood, target, load, repeats, seconds)
@@ -65,16 +61,9 @@ class Delay(NamedTuple):
     others: float
 
 
-@dataclass(frozen=True)
-class Target:
-    """A running server, with its addresses by name, and its trace of ticks."""
-
-    addresses: dict[str, str]
-    trace: str
-
-    def delay(self, start_ns: int, end_ns: int) -> Delay:
-        """Return the delays of the ticks that ended within this time."""
-        return delay_of(np.asarray(open_trace(self.trace)), np.asarray(open_spent(self.trace)), start_ns, end_ns)
+def _delay(target: Traced, start_ns: int, end_ns: int) -> Delay:
+    """Return the delays of the ticks of a server that ended within this time."""
+    return delay_of(np.asarray(open_trace(target.trace)), np.asarray(open_spent(target.trace)), start_ns, end_ns)
 
 
 def delay_of(ends: npt.NDArray[np.int64], spent: npt.NDArray[np.int64], start_ns: int, end_ns: int) -> Delay:
@@ -99,25 +88,7 @@ def delay_of(ends: npt.NDArray[np.int64], spent: npt.NDArray[np.int64], start_ns
     return Delay(float(gaps.max()) * 1e-6, float(ours.max()) * 1e-6, float(late[longest] - ours[longest]) * 1e-6)
 
 
-@contextlib.contextmanager
-def _serving() -> Iterator[Target]:
-    with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder:
-        scenario, trace = Path(folder) / "hostile.toml", str(Path(folder) / "trace")
-        scenario.write_text(SCENARIO + (MAVLINK if HAS_MAVLINK else ""), encoding="utf-8")
-        command = [sys.executable, "-m", "uwserver_bench.net.traced", str(scenario), trace, "threads"]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
-            try:
-                assert process.stdout is not None
-                said = process.stdout.readline()
-                if not said:
-                    raise BenchFailed("the traced server did not start")
-                SystemTime().wait(_SETTLE_S, Event())
-                yield Target(json.loads(said), trace)
-            finally:
-                stop(process)
-
-
-def _flooded(flood: Flood, target: Target, load: Load, repeats: int, seconds: float) -> list[Row]:
+def _flooded(flood: Flood, target: Traced, load: Load, repeats: int, seconds: float) -> list[Row]:
     if flood.address not in target.addresses:
         return [Row("flood", flood.name, "ms", (), note=f"not measured: the server has no {flood.address}")]
     clock = SystemTime()
@@ -133,8 +104,8 @@ def _flooded(flood: Flood, target: Target, load: Load, repeats: int, seconds: fl
         end = clock.now_ns()
         if not result["opened"]:
             return [Row("flood", flood.name, "ms", (), note=f"not measured: no connection ({result['reason']})")]
-        calm.append(target.delay(start, middle))
-        flooded.append(target.delay(middle, end))
+        calm.append(_delay(target, start, middle))
+        flooded.append(_delay(target, middle, end))
         sent += int(result["bytes"])
         opened += int(result["opened"])
         clock.wait(_SETTLE_S, Event())

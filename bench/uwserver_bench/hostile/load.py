@@ -7,12 +7,12 @@ import json
 import os
 import selectors
 import socket
-import sys
 from collections.abc import Mapping
 from typing import Any
 
 from uwserver.simulation.clock import SystemTime
 from uwserver_bench.hostile.floods import FLOODS, HELLO, Flood
+from uwserver_bench.processes import carry_out
 
 _CHUNK = 1 << 18
 _GREETINGS = 5
@@ -146,16 +146,6 @@ def _round(attackers: list[Attacker]) -> None:
             key.data.work()
 
 
-def main() -> None:
-    """Carry out tasks until stdin ends."""
-    os.nice(_NICENESS)
-    for task in sys.stdin:
-        try:
-            result = attack(json.loads(task))
-        except (OSError, ValueError) as error:
-            result = {"failed": f"attacker: {error}"}
-        print(json.dumps(result), flush=True)
-
-
 if __name__ == "__main__":
-    main()
+    os.nice(_NICENESS)
+    carry_out({"attack": attack}, "attacker")

@@ -3,21 +3,19 @@ throughput of the MOOSDB of MOOS-IvP, if the environment variable UWSERVER_MOOS_
 
 from __future__ import annotations
 
-import contextlib
-import json
 import os
 import socket
 import subprocess
-import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from threading import Event
 
 from uwserver.simulation.clock import SystemTime
 from uwserver.world.warm import warm
-from uwserver_bench.net.net_processes import Traced
-from uwserver_bench.processes import START_TIMEOUT_S, BenchFailed, Bystanders, Load, Served, loading, stop
+from uwserver_bench.net.net_processes import Traced, traced_server
+from uwserver_bench.processes import START_TIMEOUT_S, BenchFailed, Bystanders, Load, loading, running
 from uwserver_bench.report import Row
 from uwserver_bench.server import ADDED_LATENESS_BAR_MS, LATENESS_BAR_MS, STATUS, UNKNOWN, lateness_p99_ms
 
@@ -106,24 +104,9 @@ def bench_moos(quick: bool, say: Callable[[str], None]) -> list[Row]:
     ]  # fmt: skip
 
 
-@contextlib.contextmanager
-def _serving(speed: float) -> Iterator[Traced]:
-    """Start a server with a vehicle, an embedded MOOSDB and a trace of the ticks, on free loopback ports."""
-    with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder:
-        scenario, trace = Path(folder) / "moos.toml", str(Path(folder) / "trace")
-        scenario.write_text(_SCENARIO.format(rate=RATE_HZ, speed=speed), encoding="utf-8")
-        command = [sys.executable, "-m", "uwserver_bench.net.traced", str(scenario), trace]
-        with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
-            try:
-                assert process.stdout is not None
-                line = process.stdout.readline()
-                if not line:
-                    raise BenchFailed("the traced server did not start: see its message above")
-                addresses = json.loads(line)
-                host, _, port = addresses["tcp"].rpartition(":")
-                yield Traced(addresses, trace, Served(host, int(port), process.pid))
-            finally:
-                stop(process)
+def _serving(speed: float) -> AbstractContextManager[Traced]:
+    """Run a server with a vehicle, an embedded MOOSDB and a trace of the ticks, on free loopback ports."""
+    return traced_server(_SCENARIO.format(rate=RATE_HZ, speed=speed))
 
 
 def _their_rates(load: Load, repeats: int, seconds: float) -> tuple[float, ...]:
@@ -138,14 +121,11 @@ def _their_rates(load: Load, repeats: int, seconds: float) -> tuple[float, ...]:
     command = [str(program), f"--moos_port={port}", "--moos_community=bench", "--moos_suicide_disable"]
     quiet = subprocess.DEVNULL
     with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as place:
-        with subprocess.Popen(command, cwd=place, stdin=quiet, stdout=quiet, stderr=quiet) as process:
-            try:
-                _await_listener(port, " ".join(command))
-                return tuple(
-                    load.ask("flow", address=f"127.0.0.1:{port}", seconds=seconds)["per_s"] for _ in range(repeats)
-                )
-            finally:
-                stop(process)
+        with running(command, cwd=place, stdin=quiet, stdout=quiet, stderr=quiet):
+            _await_listener(port, " ".join(command))
+            return tuple(
+                load.ask("flow", address=f"127.0.0.1:{port}", seconds=seconds)["per_s"] for _ in range(repeats)
+            )
 
 
 def _await_listener(port: int, command: str) -> None:

@@ -9,7 +9,7 @@ import contextlib
 import selectors
 import socket
 import struct
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 from uwserver.simulation.clock import SystemTime
@@ -186,10 +186,5 @@ def _peers(task: Task, count: int) -> Any:
 _TASKS: Mapping[str, Callable[[Task], dict[str, object]]] = {"flow": flow, "navigation": navigation, "crowd": crowd}
 
 
-def main(lines: Sequence[str] | None = None) -> None:
-    """Carry out tasks until stdin ends."""
-    carry_out(_TASKS, "load", lines=lines)
-
-
 if __name__ == "__main__":
-    main()
+    carry_out(_TASKS, "load")

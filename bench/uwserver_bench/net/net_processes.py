@@ -8,12 +8,10 @@ import json
 import socket
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
-from uwserver_bench.processes import BenchFailed, Served, processor_s, stop
+from uwserver_bench.processes import BenchFailed, Served, processor_s, running, scenario_file
 
 WIRE_ADDRESS: Mapping[str, str] = {
     "TCP JSON": "tcp", "TCP msgpack": "tcp", "WebSocket": "tcp", "UDP": "udp", "zenoh": "zenoh",
@@ -105,27 +103,25 @@ def tracing(mode: str = "realtime", router: str = "", megabyte: bool = False) ->
 
 
 @contextlib.contextmanager
-def traced_server(text: str, *options: str) -> Iterator[Traced]:
+def traced_server(text: str, *options: str, is_quiet: bool = False) -> Iterator[Traced]:
     """Run a server of a scenario with an adapter `tcp` of sockets, while the context is open. Options are those of `traced`.
+
+    A quiet one prints no messages.
 
     Raises:
         BenchFailed: it did not start.
     """
-    with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder:
-        scenario, trace = Path(folder) / "net.toml", str(Path(folder) / "trace")
-        scenario.write_text(text, encoding="utf-8")
+    with scenario_file(text) as scenario:
+        trace = str(scenario.with_suffix(".trace"))
         command = [sys.executable, "-m", "uwserver_bench.net.traced", str(scenario), trace, *options]
-        with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
-            try:
-                assert process.stdout is not None
-                line = process.stdout.readline()
-                if not line:
-                    raise BenchFailed("the traced server did not start: see its message above")
-                addresses = json.loads(line)
-                host, _, port = addresses["tcp"].rpartition(":")
-                yield Traced(addresses, trace, Served(host, int(port), process.pid))
-            finally:
-                stop(process)
+        with running(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL if is_quiet else None) as process:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            if not line:
+                raise BenchFailed("the traced server did not start" + ("" if is_quiet else ": see its message above"))
+            addresses = json.loads(line)
+            host, _, port = addresses["tcp"].rpartition(":")
+            yield Traced(addresses, trace, Served(host, int(port), process.pid))
 
 
 def free_endpoint() -> str:

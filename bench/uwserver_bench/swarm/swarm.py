@@ -7,16 +7,14 @@ Rates are simulated time over processor time of one core, or over wall time if m
 from __future__ import annotations
 
 import math
-import tempfile
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from pathlib import Path
 from statistics import median
 from threading import Event
 from typing import Any
 
 from uwserver.simulation.clock import SystemTime
-from uwserver_bench.processes import Bystanders, Load, Served, loading, serving
+from uwserver_bench.processes import Bystanders, Load, Served, loading, scenario_file, serving
 from uwserver_bench.report import Row
 from uwserver_bench.server import STATUS
 from uwserver_bench.swarm.swarm_client import PORTS, RATE_HZ
@@ -123,12 +121,8 @@ def _with_a_client(counts: Sequence[int], repeats: int, seconds: float, say: _Sa
     rows, busy = [], []
     for count in counts:
         alone, crowded, beside, samples = [], [], [], []
-        with (
-            tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder,
-            loading("uwserver_bench.swarm.swarm_client") as client,
-        ):
-            file = Path(folder, "swarm.toml")
-            file.write_text(scenario("navigation", count) + SERVED, encoding="utf-8")
+        text = scenario("navigation", count) + SERVED
+        with scenario_file(text) as file, loading("uwserver_bench.swarm.swarm_client") as client:
             with serving(file, options=("--mode", "freerun")) as served:
                 say(f"swarm: {_vehicles(count)} in a server")
                 client.do("set_out", served, vehicles=count)

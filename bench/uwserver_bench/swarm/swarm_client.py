@@ -7,7 +7,7 @@ import json
 import re
 import selectors
 import socket
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from uwserver.simulation.clock import SystemTime
@@ -120,10 +120,5 @@ _TASKS: Mapping[str, Callable[[Mapping[str, Any]], dict[str, object]]] = {
 }
 
 
-def main(lines: Sequence[str] | None = None) -> None:
-    """Carry out tasks until stdin ends."""
-    carry_out(_TASKS, "swarm", lines=lines)
-
-
 if __name__ == "__main__":
-    main()
+    carry_out(_TASKS, "swarm")

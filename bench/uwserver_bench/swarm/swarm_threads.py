@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import platform
-import tempfile
 from collections.abc import Callable
-from pathlib import Path
 from statistics import median
 from threading import Event
 from typing import Any
@@ -21,7 +19,7 @@ from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.sharing import share
 from uwserver.physics.kernel.team import Team, why_alone
 from uwserver.simulation.clock import SystemTime
-from uwserver_bench.processes import loading, serving
+from uwserver_bench.processes import loading, scenario_file, serving
 from uwserver_bench.report import Row, quantile
 from uwserver_bench.server import ACTIVE, SILENT, lateness_p99_ms
 from uwserver_bench.swarm.swarm_scenario import SERVED, names, scenario
@@ -143,14 +141,12 @@ def _starts(quick: bool, say: _Say) -> list[Row]:
 def _lateness(pairs: int, seconds: float, say: _Say) -> list[Row]:
     """Measure servers of the same world in real time, alternately with one thread and with two, each with clients."""
     late: dict[int, list[float]] = {1: [], 2: []}
-    with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder, loading() as load:
+    with loading() as load:
         for pair in range(pairs):
             for threads, found in late.items():
                 say(f"swarm: lateness with {threads} of 2 threads, {pair + 1} of {pairs}")
-                file = Path(folder, f"{threads}.toml")
                 text = scenario("navigation", VEHICLES).replace("threads = 1\n", f"threads = {threads}\n") + SERVED
-                file.write_text(text, encoding="utf-8")
-                with serving(file) as served:
+                with scenario_file(text) as file, serving(file) as served:
                     load.do("clients", served, active=ACTIVE, silent=SILENT, seconds=seconds, request=_COMMAND)
                     found.append(lateness_p99_ms(served))
     # Two measurements differ by more than this, so the difference may be negative.

@@ -6,14 +6,11 @@ Tasks and results are lines on stdin and stdout, as of `uwserver_bench.load`.
 
 from __future__ import annotations
 
-import contextlib
 import gc
 import itertools
 import os
-import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,7 +29,7 @@ from uwserver.step import delivery
 from uwserver.units import NANOSECONDS
 from uwserver.world.world import World
 from uwserver_bench.engine.physics import OpenWater
-from uwserver_bench.processes import carry_out, resident_mb
+from uwserver_bench.processes import carry_out, resident_mb, scenario_file
 from uwserver_bench.swarm.swarm_scenario import RATE_HZ, Kind, mission, names, scenario
 
 SETTLE_TICKS = 2 * RATE_HZ
@@ -171,22 +168,14 @@ def copy(task: Mapping[str, Any]) -> dict[str, object]:
 
 def copied(copies: int, sensors: Sequence[str], kind: Kind) -> Batch:
     """Return a batch at t = 0."""
-    with _written(kind, 1, True) as file:
+    with scenario_file(scenario(kind, 1, True)) as file:
         return uwserver.batch(file, copies, sensors=[f"{names(1)[0]}/{name}" for name in sensors])
 
 
 def loaded(kind: Kind, vehicles: int, one_core: bool) -> World:
     """Return a swarm at t = 0."""
-    with _written(kind, vehicles, one_core) as file:
+    with scenario_file(scenario(kind, vehicles, one_core)) as file:
         return build(load(file, adapters={}))
-
-
-@contextlib.contextmanager
-def _written(kind: Kind, vehicles: int, one_core: bool) -> Iterator[Path]:
-    with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder:
-        file = Path(folder, "swarm.toml")
-        file.write_text(scenario(kind, vehicles, one_core), encoding="utf-8")
-        yield file
 
 
 def ticks(world: World, count: int) -> None:
@@ -235,10 +224,5 @@ _TASKS: Mapping[str, Callable[[Mapping[str, Any]], dict[str, object]]] = {
 }  # fmt: skip
 
 
-def main(lines: Sequence[str] | None = None) -> None:
-    """Carry out tasks until stdin ends."""
-    carry_out(_TASKS, "swarm", (ScenarioError, Refused, ImportError), lines)
-
-
 if __name__ == "__main__":
-    main()
+    carry_out(_TASKS, "swarm", (ScenarioError, Refused, ImportError))

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import socket
 import struct
-import tempfile
 from collections import Counter
 from collections.abc import Callable
-from pathlib import Path
 from threading import Event, Thread
 
 import msgspec
 
 from uwserver.simulation.clock import SystemTime
-from uwserver_bench.processes import BenchFailed, Served, serving
+from uwserver_bench.processes import BenchFailed, Served, scenario_file, serving
 from uwserver_bench.report import Row
 from uwserver_bench.server import STATUS, lateness_p99_ms
 from uwserver_bench.swarm.swarm_scenario import SERVED
@@ -86,9 +84,7 @@ def bench_beside(quick: bool, say: Callable[[str], None]) -> list[Row]:
 def _measure(seconds: float) -> tuple[float, dict[str, float]]:
     """Return the p99 of the lateness in ms, and for each port the part of its readings that a client received."""
     clock, got = SystemTime(), Counter[str]()
-    with tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder:
-        file = Path(folder, "beside.toml")
-        file.write_text(SCENARIO + SERVED, encoding="utf-8")
+    with scenario_file(SCENARIO + SERVED) as file:
         with serving(file) as served, socket.create_connection((served.host, served.port)) as connection:
             reader = Thread(target=_count, args=(connection, got), daemon=True)
             reader.start()

@@ -12,7 +12,7 @@ from typing import Any
 
 from uwserver.cli.browser.chromium import ChromiumFailed, NoChromium, browsing, chromium
 from uwserver.simulation.clock import SystemTime
-from uwserver_bench.processes import BenchFailed, Load, Served, loading, processor_s, serving
+from uwserver_bench.processes import BenchFailed, Load, Served, loading, processor_s, scenario_file, serving
 from uwserver_bench.report import Row
 from uwserver_bench.server import STATUS
 from uwserver_bench.swarm.swarm_scenario import SERVED, scenario
@@ -43,12 +43,7 @@ def bench_web(quick: bool, say: Callable[[str], None]) -> list[Row]:
     """
     repeats, seconds = (1, 1.0) if quick else (5, 6.0)
     shares, rates, frames, crowded, alone = [], [], [], [], []
-    with (
-        tempfile.TemporaryDirectory(prefix="uwserver-bench-") as folder,
-        loading("uwserver_bench.web.web_load") as load,
-    ):
-        file = Path(folder, "web.toml")
-        file.write_text(scenario("simple", VEHICLES) + SERVED, encoding="utf-8")
+    with scenario_file(scenario("simple", VEHICLES) + SERVED) as file, loading("uwserver_bench.web.web_load") as load:
         with serving(file) as served:
             host, port = _view(served)
             load.ask(

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import base64
 import contextlib
-import json
 import selectors
 import socket
 import struct
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from uwserver.simulation.clock import SystemTime
 from uwserver.units import NANOSECONDS
+from uwserver_bench.processes import carry_out
 
 _PATIENCE_S = 60.0
 _KEY = base64.b64encode(bytes(16)).decode()
@@ -107,16 +106,5 @@ def _text(message: str) -> bytes:
 _TASKS: Mapping[str, Callable[[Mapping[str, Any]], dict[str, object]]] = {"watch": watch}
 
 
-def main(lines: Sequence[str] | None = None) -> None:
-    """Carry out tasks until stdin ends."""
-    for line in sys.stdin if lines is None else lines:
-        task = json.loads(line)
-        try:
-            result = _TASKS[task["task"]](task)
-        except (OSError, ValueError) as error:
-            result = {"failed": f"web task {task['task']}: {error}"}
-        print(json.dumps(result), flush=True)
-
-
 if __name__ == "__main__":
-    main()
+    carry_out(_TASKS, "web")
