@@ -124,6 +124,8 @@ def _mcap(file: Path, megabytes: int) -> Path:
     return file
 
 
+# -- recordings -------------------------------------------------------------------------------------------------------------------------
+
 SCENARIO, CLIENTS = "rov_autopilot", 5
 RECORDING_BAR, PLAYBACK_BAR, SEEK_BAR_MS = 0.05, 30.0, 200.0
 _PIECE = 1 << 18

@@ -9,8 +9,7 @@
 - `check_codec` (`uwserver.testing.codecs`): compares a codec with a table of bytes, in both directions: whole, byte by byte, truncated and after
   garbage.
 - `check_sensor` (`uwserver.testing.sensors`): checks the contract of a sensor from its configuration.
-- `check_modifier` (`uwserver.testing.components`): checks the contract of a modifier from its configuration.
-- `check_actuator`, `check_current` (`uwserver.testing.components`, `currents`): do the same for actuators and currents.
+- `check_modifier`, `check_actuator`, `check_current` (`uwserver.testing.components`): do the same for modifiers, actuators and currents.
 - `FakeContext` (`uwserver.testing.fake_context`): an `AdapterContext` without a world, with scripted answers.
 - `FakeGeometry` (`uwserver.testing.fake_geometry`): planes and spheres in closed form, for ranging sensors.
 - `Loopback` (`uwserver.testing.loopback`): a connection in memory for an `asyncio.Protocol`, with a peer that reads only when the test says so.

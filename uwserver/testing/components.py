@@ -17,6 +17,8 @@ from uwserver.scenario.vehicle.component_checks import check_memory
 from uwserver.sensors.base import blank
 from uwserver.testing.sensors import check_fields, check_values, kept
 
+# -- modifiers --------------------------------------------------------------------------------------------------------------------------
+
 FIELDS = (Field("s", "m", "a scalar"), Field("x", "m", "a vector", "S", (3,)), Field("ok", "1", "a flag", type="bool"))
 VALUES: tuple[Value, ...] = (7.0, (0.1, -0.2, 0.3), True)
 _DT_NS = 10_000_000
@@ -78,6 +80,8 @@ def _modified(modifier: Modifier, values: Sequence[Value], start: int = 0) -> li
         outcome.append((tuple(reading.values), reading.valid, reading.delay_ns, reading.dropped, reading.stamp_ns))
     return outcome
 
+
+# -- actuators --------------------------------------------------------------------------------------------------------------------------
 
 _ROWS = ("state", "bodies", "thrusters", "wrenches", "servos")
 
@@ -150,6 +154,8 @@ def _carry_out(actuator: Actuator, commands: Sequence[Given], on: Body) -> list[
 def _bits(body: Body) -> tuple[bytes, ...]:
     return tuple(getattr(body.hydro, name).tobytes() for name in _ROWS)
 
+
+# -- currents ---------------------------------------------------------------------------------------------------------------------------
 
 _RATE_HZ = 100.0
 _DRAWS = 20

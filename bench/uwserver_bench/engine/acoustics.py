@@ -69,6 +69,8 @@ def _path_us(channel: Channel, first: bool, x: float, a: float, b: float, budget
     return 1e6 * seconds(times) / times
 
 
+# -- modems -----------------------------------------------------------------------------------------------------------------------------
+
 VEHICLES, SPACING_M, DEPTH_M = 20, 150.0, 20.0
 IDLE_BAR_US, PACKET_BAR_US = 5.0, 1000.0
 SECONDS_A_PACKET = 3

@@ -230,6 +230,8 @@ def _real_time_factor(world: World, budget_s: float) -> float:
     return world.t_ns / (time.thread_time_ns() - start)
 
 
+# -- pictures ---------------------------------------------------------------------------------------------------------------------------
+
 DAY_BAR_HZ, DEPTH_BAR_HZ = 10.0, 20.0
 CASES: dict[str, tuple[str, float, float | None]] = {
     "camera 640 x 480, daylight": ("day", 0.0, DAY_BAR_HZ),

@@ -140,6 +140,8 @@ def _ms(work: Callable[[], object], times: int) -> float:
     return 1e3 * best / times
 
 
+# -- peers ------------------------------------------------------------------------------------------------------------------------------
+
 LATENCY_BAR_MS, FLOW_BAR, CLIENT_BAR = 1.0, 10_000.0, 980.0
 RATE_HZ, IMUS, CLIENTS, DOMAIN = 250, 4, 5, 230
 EPOCH_S = 1_767_225_600

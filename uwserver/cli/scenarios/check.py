@@ -154,6 +154,8 @@ def pictures(resolved: Resolved) -> Iterator[str]:
     )
 
 
+# -- sensors that cannot keep their times -----------------------------------------------------------------------------------------------
+
 _MOST_NAMED = 4
 """Sensors that are named in a warning; further ones are counted."""
 _CAMERA = (
@@ -245,6 +247,8 @@ def _shortened(lines: list[str], what: str) -> list[str]:
 def _ms(seconds: float) -> str:
     return f"{1e3 * seconds:.3g} ms"
 
+
+# -- sonars that see their own vehicle --------------------------------------------------------------------------------------------------
 
 _SHARE = 0.05
 """Part of a sonar's power, sent and received, that may meet its own vehicle without a warning."""

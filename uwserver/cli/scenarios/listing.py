@@ -118,6 +118,9 @@ _DETAILS: Mapping[str, Callable[[], Mapping[str, list[str]]]] = {
 """Further lines about each thing in a section, by its name."""
 
 
+# -- the parts of a vehicle -------------------------------------------------------------------------------------------------------------
+
+
 def parts_of(name: str) -> Iterator[str]:
     """Yield lines about a shipped vehicle, with positions in B (forward, right, down)."""
     scenario = ScenarioBuilder(name).vehicle("v", name, position_ned_m=(0.0, 0.0, 5.0)).build()
@@ -149,6 +152,9 @@ def _direction(axis: Vector3) -> str:
     names = (("ahead", "astern"), ("right", "left"), ("down", "up"))
     words = [names[k][int(unit[k] < 0)] for k in range(3) if abs(unit[k]) > 0.2]
     return f"{' and '.join(words)} ({', '.join(f'{each + 0.0:.2f}' for each in unit)})"
+
+
+# -- camera-info ------------------------------------------------------------------------------------------------------------------------
 
 
 @click.command("camera-info", short_help="Print the calibration of a camera, for ROS or OpenCV.")

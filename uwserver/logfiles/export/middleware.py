@@ -69,6 +69,8 @@ def left_out(mapping: LogMapping, written: Collection[str]) -> list[str]:
     return remarks
 
 
+# -- MOOS -------------------------------------------------------------------------------------------------------------------------------
+
 _Line = tuple[int, str, str]
 """Time (ns), variable, value."""
 
@@ -130,6 +132,8 @@ def _moos_values(value: object) -> Iterator[tuple[str, str]]:
 def _moos_name(name: str) -> str:
     return re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_").upper() or "TRACK"
 
+
+# -- MAVLink ----------------------------------------------------------------------------------------------------------------------------
 
 _MOST_SYSTEMS = 254
 _G = scale_of("mG").factor
@@ -229,6 +233,8 @@ def _signed(number: float, bits: int) -> int:
     most = (1 << (bits - 1)) - 1
     return round(min(max(number, -most - 1), most))
 
+
+# -- ROS 2 ------------------------------------------------------------------------------------------------------------------------------
 
 _Entry = tuple[int, str, str, Any]
 """Time (ns), topic, type, message."""

@@ -128,6 +128,8 @@ def _plain(value: Any) -> Any:
     return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
+# -- files ------------------------------------------------------------------------------------------------------------------------------
+
 _MATLAB_NAME = 31
 
 

@@ -61,13 +61,6 @@ def decoding(encoding: str, schema_name: str, schema_encoding: str, schema: byte
     return undecoded(f"{pair} cannot be decoded: messages are given as bytes")
 
 
-def ros_decoding(name: str, text: str, is_idl: bool, is_ros1: bool) -> Decoding | None:
-    """Return how messages of a ROS type are decoded; None when its definition is unknown. Arguments and errors as `RosTypes`."""
-    types = RosTypes(name, text, is_idl)
-    decode = types.decoder(is_ros1)
-    return None if decode is None else Decoding(types.fields(), decode)
-
-
 def undecoded(remark: str) -> Decoding:
     """Return a decoding that gives the bytes of each message."""
     return Decoding((LogField("data", "bytes"),), lambda data: {"data": bytes(data)}, remark)
@@ -171,6 +164,8 @@ def _protobuf_fields(descriptor: Any, prefix: str, unit: str, inside: tuple[str,
             yield LogField(f"{prefix}{field.name}", type_ + ("[]" if field.is_repeated else ""), its_unit)
 
 
+# -- ROS --------------------------------------------------------------------------------------------------------------------------------
+
 _NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*){1,3}", re.ASCII)
 """Only such names are passed to rosbags, which makes Python code of them."""
 _MOST_UNROLLED = 4096
@@ -197,77 +192,69 @@ _UNITS = {
 """From REP 103 and the comments of the message definitions."""
 
 
-class RosTypes:
-    """A message type and the types that it contains.
+def ros_decoding(name: str, text: str, is_idl: bool, is_ros1: bool) -> Decoding | None:
+    """Return how messages of a ROS type are decoded; None when its definition is unknown.
 
     Args:
         name: name of the type, as in ROS 1 or ROS 2.
         text: its definition; if empty, the type is looked up among the messages of ROS 2 Humble.
         is_idl: the definition is IDL, not .msg.
+        is_ros1: the messages are serialised as in ROS 1, not as CDR.
 
     Raises:
-        LogError: the name is not a valid ROS type name.
+        LogError: the name is not a valid ROS type name, a few bytes could describe a message of any size, or a type in it is not defined.
         Exception: the definition cannot be parsed; an exception of rosbags.
     """
+    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-    def __init__(self, name: str, text: str, is_idl: bool) -> None:
-        from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+    _check(name)
+    store: Any = get_typestore(Stores.EMPTY)
+    found: dict[str, Any] = {}
+    if not text:
+        found = dict(get_typestore(Stores.ROS2_HUMBLE).fielddefs)
+    elif is_idl:
+        for part in re.split(r"^=+\n", text, flags=re.MULTILINE):
+            body = part.partition("\n")[2] if part.startswith("IDL: ") else part
+            if body.strip():
+                found.update(get_types_from_idl(body))
+    else:
+        found = dict(get_types_from_msg(text, name))
+    for defined in found:
+        _check(defined)
+    store.register(found)
+    whole = name if name.count("/") != 1 else name.replace("/", "/msg/")  # ROS 1 says std_msgs/Header
+    if whole not in store.fielddefs:
+        return None
+    _Sizes(store.fielddefs).least(whole)
+    deserialize = store.deserialize_ros1 if is_ros1 else store.deserialize_cdr
 
-        _check(name)
-        self._name = full_name(name)
-        self._store: Any = get_typestore(Stores.EMPTY)
-        found: dict[str, Any] = {}
-        if not text:
-            found = dict(get_typestore(Stores.ROS2_HUMBLE).fielddefs)
-        elif is_idl:
-            for part in re.split(r"^=+\n", text, flags=re.MULTILINE):
-                body = part.partition("\n")[2] if part.startswith("IDL: ") else part
-                if body.strip():
-                    found.update(get_types_from_idl(body))
+    def decode(data: bytes) -> Mapping[str, object]:
+        value: Any = _plain_ros(deserialize(data, whole))
+        return value if isinstance(value, dict) else {"data": value}
+
+    return Decoding(tuple(islice(_ros_fields(store.fielddefs, whole, "", "", 0), _MOST_FIELDS)), decode)
+
+
+def _ros_fields(types: Mapping[str, Any], name: str, prefix: str, unit: str, depth: int) -> Iterator[LogField]:
+    """Yield the fields of a type; fields of nested messages have names with dots.
+
+    `_Sizes` has refused types that contain themselves or nothing, so every type that is visited yields a field.
+    """
+    if depth > _DEEPEST or name not in types:
+        yield LogField(prefix.removesuffix("."), name, unit)
+        return
+    units = _UNITS.get(name, {})
+    for field, described in types[name][1]:
+        path, its_unit = f"{prefix}{field}", units.get(field, unit)
+        kind, more = int(described[0]), described[1]
+        if kind == 2:  # a message
+            yield from _ros_fields(types, str(more), f"{path}.", its_unit, depth + 1)
+        elif kind == 1:
+            yield LogField(path, str(more[0]), its_unit)
         else:
-            found = dict(get_types_from_msg(text, name))
-        for defined in found:
-            _check(defined)
-        self._store.register(found)
-
-    def decoder(self, is_ros1: bool) -> Callable[[bytes], Mapping[str, object]] | None:
-        """Return a function that decodes a message of the type into plain fields; None when the type is unknown.
-
-        Raises:
-            LogError: a few bytes could describe a message of any size, or a type in it is not defined.
-        """
-        if self._name not in self._store.fielddefs:
-            return None
-        _Sizes(self._store.fielddefs).least(self._name)
-        decode = self._store.deserialize_ros1 if is_ros1 else self._store.deserialize_cdr
-
-        def decoded(data: bytes) -> Mapping[str, object]:
-            value: Any = _plain_ros(decode(data, self._name))
-            return value if isinstance(value, dict) else {"data": value}
-
-        return decoded
-
-    def fields(self) -> tuple[LogField, ...]:
-        """Return the fields of the type; fields of nested messages have names with dots. Call it after `decoder`, which checks the type."""
-        return tuple(islice(self._fields(self._name, "", "", 0), _MOST_FIELDS))
-
-    def _fields(self, name: str, prefix: str, unit: str, depth: int) -> Iterator[LogField]:
-        # `decoder` has refused types that contain themselves or nothing, so every type that is visited yields a field.
-        if depth > _DEEPEST or name not in self._store.fielddefs:
-            yield LogField(prefix.removesuffix("."), name, unit)
-            return
-        units = _UNITS.get(name, {})
-        for field, described in self._store.fielddefs[name][1]:
-            path, its_unit = f"{prefix}{field}", units.get(field, unit)
-            kind, more = int(described[0]), described[1]
-            if kind == 2:  # a message
-                yield from self._fields(str(more), f"{path}.", its_unit, depth + 1)
-            elif kind == 1:
-                yield LogField(path, str(more[0]), its_unit)
-            else:
-                inner, length = more
-                of = str(inner[1][0]) if int(inner[0]) == 1 else str(inner[1])
-                yield LogField(path, f"{of}[{length if kind == 3 and length else ''}]", its_unit)
+            inner, length = more
+            of = str(inner[1][0]) if int(inner[0]) == 1 else str(inner[1])
+            yield LogField(path, f"{of}[{length if kind == 3 and length else ''}]", its_unit)
 
 
 class _Sizes:
@@ -316,11 +303,6 @@ class _Sizes:
         if not size:
             raise LogError(f"{name}.{field}: a {what} has no bytes: a message could contain any number of them")
         return size
-
-
-def full_name(name: str) -> str:
-    """Return the ROS 2 name of a type: ``std_msgs/msg/Header`` also for ``std_msgs/Header`` of ROS 1."""
-    return name if name.count("/") != 1 else name.replace("/", "/msg/")
 
 
 def _check(name: str) -> None:

@@ -26,6 +26,8 @@ from uwserver.logfiles.readers.opening import ABOUT
 from uwserver.logfiles.si import is_known
 from uwserver.logfiles.timebase import LAST_NS, Timebase, Times, time_base, utc_ns
 
+# -- units and times from the names of columns ------------------------------------------------------------------------------------------
+
 _BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]*)\s*[\])]\s*$")
 _SUFFIXES = {
     "mps": "m/s", "mps2": "m/s^2", "radps": "rad/s", "degps": "deg/s", "pa": "Pa", "hpa": "hPa", "kpa": "kPa", "degc": "degC", "v": "V",
@@ -100,6 +102,8 @@ def stamp_of(text: str, factor: int) -> int | None:
     # Whole numbers stay exact: a float has too few digits for ns since 1970.
     return int(text) * factor if re.fullmatch(r"\s*[+-]?\d+\s*", text) else round(number * factor)
 
+
+# -- text files -------------------------------------------------------------------------------------------------------------------------
 
 _MOST_ABOUT_BYTES = 1 << 24
 _BLOCK_BYTES = 1 << 22
@@ -249,6 +253,8 @@ def _unique(names: Sequence[str]) -> list[str]:
         found[name if name not in found else f"{name}_{k + 1}"] = None
     return list(found)
 
+
+# -- Parquet ----------------------------------------------------------------------------------------------------------------------------
 
 _CELL_BYTES = 16
 """Least memory of an unpacked cell."""

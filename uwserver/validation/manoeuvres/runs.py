@@ -190,6 +190,8 @@ def then(first: Sticks, seconds: float, second: Sticks | Plan) -> Plan:
     return lambda t, state: first if t < seconds - 0.5 * DT else after(t - seconds, state)
 
 
+# -- figures ----------------------------------------------------------------------------------------------------------------------------
+
 Value = float | None
 """A figure; None if the vehicle did not get that far."""
 APPROACH_S, TURNING_S = 120.0, 200.0

@@ -241,6 +241,8 @@ def stop(waters: Waters) -> Trial:
     return Trial(key, title, f"After {APPROACH_S:g} s at full throttle.", STOP, tuple(rows))
 
 
+# -- turns ------------------------------------------------------------------------------------------------------------------------------
+
 RUDDER, ZIGZAG, ZIGZAG_BY_THRUST = rad(15.0), rad(10.0), rad(20.0)
 CIRCLE = (
     Column("approach", "speed before", "m/s"),

@@ -8,7 +8,7 @@ import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
 from uwserver.logfiles import LogError
-from uwserver.logfiles.readers.decoding import RosTypes, decoding
+from uwserver.logfiles.readers.decoding import decoding, ros_decoding
 
 
 def fan(of):
@@ -41,16 +41,16 @@ def test_protobuf_types_that_hold_each_other_end(of, count):
 LINE = "\n" + "=" * 80 + "\n"
 
 
-def types(*texts):
+def ros(*texts, is_ros1=False):
     first, *others = texts
-    return RosTypes("a/msg/A", LINE.join([first, *(f"MSG: a/{text}" for text in others)]), False)
+    return ros_decoding("a/msg/A", LINE.join([first, *(f"MSG: a/{text}" for text in others)]), False, is_ros1)
 
 
 def test_nested_types_are_decoded():
-    known = types("E[2] x\nE[] y\nstring[2] z", "E\nuint8 v")
+    known = ros("E[2] x\nE[] y\nstring[2] z", "E\nuint8 v", is_ros1=True)
     raw = bytes([1, 2]) + struct.pack("<I", 1) + b"\x03" + struct.pack("<I", 1) + b"p" + struct.pack("<I", 1) + b"q"
-    assert known.decoder(True)(raw) == {"x": [{"v": 1}, {"v": 2}], "y": [{"v": 3}], "z": ["p", "q"]}
-    assert [(f.name, f.type) for f in known.fields()] == [
+    assert known.decode(raw) == {"x": [{"v": 1}, {"v": 2}], "y": [{"v": 3}], "z": ["p", "q"]}
+    assert [(f.name, f.type) for f in known.fields] == [
         ("x", "a/msg/E[2]"),
         ("y", "a/msg/E[]"),
         ("z", "string[2]"),
@@ -73,7 +73,7 @@ def test_nested_types_are_decoded():
 @pytest.mark.parametrize("ros1", [True, False])
 def test_what_could_ask_for_any_memory_is_refused(texts, told, ros1):
     with pytest.raises(LogError, match=told):
-        types(*texts).decoder(ros1)
+        ros(*texts, is_ros1=ros1)
 
 
 def test_fields_of_many_types_in_many_types_are_bounded():
@@ -82,6 +82,4 @@ def test_fields_of_many_types_in_many_types_are_bounded():
     chain += [
         f"{a}\n" + "\n".join(f"{b} f{k}" for k in range(12)) for a, b in zip("BCDEFGHIJ", "CDEFGHIJK", strict=True)
     ]
-    known = types(*chain, "K\nuint8 v")
-    known.decoder(False)
-    assert len(known.fields()) == 400
+    assert len(ros(*chain, "K\nuint8 v").fields) == 400
