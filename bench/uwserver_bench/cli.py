@@ -28,7 +28,7 @@ _BENCHES: Mapping[str, tuple[str, ...]] = {
     ),
     "swarm": ("swarm.swarm:bench_swarm",),
     "server": ("server:bench_server",),
-    "start": ("start:bench_start",),
+    "start": ("server:bench_start",),
     "net": ("net.net:bench_net",),
     "moos": ("moos.moos:bench_moos",),
     "mavlink": ("autopilots.mavlink:bench_mavlink",),

@@ -1,7 +1,7 @@
 """Mappings: they say which fields of a log give the pose of a body or the samples of a port, and in which units and axes they are.
 
 `uwserver log FILE --mapping` prints the mapping that `uwserver.logfiles.rules` finds, for editing. `uwserver.logfiles.poses` and
-`uwserver.logfiles.samples` use mappings to convert logs to NED, FRD and SI; no other code converts them.
+`uwserver.logfiles.ports` use mappings to convert logs to NED, FRD and SI; no other code converts them.
 """
 
 from __future__ import annotations

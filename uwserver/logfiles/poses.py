@@ -24,7 +24,7 @@ from uwserver.logfiles.mapping import (
     Velocity,
     one_of,
 )
-from uwserver.logfiles.samples import number
+from uwserver.logfiles.ports import number
 from uwserver.logfiles.si import scale_of
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.units import NANOSECONDS

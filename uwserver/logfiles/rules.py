@@ -24,7 +24,7 @@ from uwserver.logfiles.mapping import (
     Value,
     Velocity,
 )
-from uwserver.logfiles.port_rules import ports_of
+from uwserver.logfiles.ports import ports_of
 
 _REPORTS_READ = 2000
 _MOST_OUTPUTS = 16

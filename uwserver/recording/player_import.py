@@ -22,10 +22,10 @@ from uwserver.logfiles import Log, LogError
 from uwserver.logfiles.log import Datum
 from uwserver.logfiles.mapping import Mapping as LogMapping
 from uwserver.logfiles.mapping import PortMapping, read_mapping, value_of
+from uwserver.logfiles.ports import port_samples
 from uwserver.logfiles.poses import pose_tracks
 from uwserver.logfiles.readers.opening import open_parts
 from uwserver.logfiles.rules import mapping_of
-from uwserver.logfiles.samples import port_samples
 from uwserver.ports import EntityList, Event, Field, Port, Present, Sample, SceneState, Service
 from uwserver.recording.channels import message_of
 from uwserver.recording.format import metadata

@@ -25,8 +25,7 @@ from uwserver_bench.moos.moos_load import MoosPeer
 from uwserver_bench.net.wires import Peer, Refusal, SocketPeer, ZenohPeer, ask, connect
 from uwserver_bench.processes import BenchFailed, Served, processor_s, resident_mb, serving
 from uwserver_bench.report import quantile
-from uwserver_bench.server import LATENESS_BAR_MS, STATUS, lateness_p99_ms
-from uwserver_bench.start import START_BAR_S, first_sample
+from uwserver_bench.server import LATENESS_BAR_MS, START_BAR_S, STATUS, first_sample, lateness_p99_ms
 
 SPEED = 4.0
 CLIENTS, STATIONS = 30, 4

@@ -18,7 +18,7 @@ from uwserver_bench.against import scenarios
 from uwserver_bench.against.installation import Installation
 from uwserver_bench.against.pairs import SIDES, Kind, Pairs, Say, Unable, in_turns
 from uwserver_bench.processes import BenchFailed, running
-from uwserver_bench.start import IMPORT_BAR_S, import_s
+from uwserver_bench.server import IMPORT_BAR_S, import_s
 
 PATIENCE_S = 900.0
 """Long, because the first task of a version may compile its kernels."""

@@ -1,4 +1,4 @@
-"""The mapping that is found for a log without being told. Also of uwserver.logfiles.port_rules."""
+"""The mapping that is found for a log without being told."""
 
 import math
 
@@ -9,9 +9,9 @@ from logs_rig import telemetry, tlog
 from pymavlink.dialects.v20 import ardupilotmega as m
 
 from uwserver.logfiles.mapping import mapping_text, parse_mapping
+from uwserver.logfiles.ports import port_samples
 from uwserver.logfiles.poses import pose_tracks
 from uwserver.logfiles.rules import mapping_of
-from uwserver.logfiles.samples import port_samples
 
 S = 1_000_000_000
 

@@ -16,8 +16,8 @@ import numpy as np
 from uwserver.frames import attitude_enu_flu, conjugate, frd_from_flu, ned_from_enu, rotate, rpy_from_quat
 from uwserver.logfiles.log import Log
 from uwserver.logfiles.mapping import Mapping as LogMapping
+from uwserver.logfiles.ports import port_samples
 from uwserver.logfiles.poses import FoundTrack
-from uwserver.logfiles.samples import port_samples
 from uwserver.logfiles.si import scale_of
 from uwserver.units import NANOSECONDS
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwserver.logfiles.log import Log, LogField
-from uwserver.logfiles.samples import number
+from uwserver.logfiles.ports import number
 from uwserver.logfiles.timebase import utc_text
 
 TIME = "time_ns"

@@ -9,9 +9,9 @@ from logs_made import MadeLog
 from uwserver.frames import quat_from_rpy
 from uwserver.logfiles.export.middleware import left_out, write_alog, write_rosbag2, write_tlog
 from uwserver.logfiles.mapping import Mapping, PortMapping, parse_mapping
+from uwserver.logfiles.ports import port_samples
 from uwserver.logfiles.poses import pose_tracks
 from uwserver.logfiles.rules import mapping_of
-from uwserver.logfiles.samples import port_samples
 
 
 def ports(**fields: tuple[str, ...]) -> Mapping:

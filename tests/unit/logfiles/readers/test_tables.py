@@ -12,10 +12,10 @@ from click.testing import CliRunner
 from uwserver.cli.recordings.export import export
 from uwserver.cli.recordings.log import log_command
 from uwserver.logfiles import LogError, open_log
+from uwserver.logfiles.ports import port_samples
 from uwserver.logfiles.poses import pose_tracks
 from uwserver.logfiles.readers.tables import field_of, stamp_of, time_column
 from uwserver.logfiles.rules import mapping_of
-from uwserver.logfiles.samples import port_samples
 from uwserver.ports import Field, Port, Sample
 from uwserver.recording.writer import RecordingWriter
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 
-from uwserver_bench.hostile.holding import Rival
+from uwserver_bench.hostile.decoding import Rival
 
 WORK_NS = 20_000_000
 

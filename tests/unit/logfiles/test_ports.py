@@ -5,7 +5,7 @@ import math
 from logs_made import MadeLog
 
 from uwserver.logfiles.mapping import parse_mapping
-from uwserver.logfiles.samples import port_samples
+from uwserver.logfiles.ports import port_samples
 
 MAPPING = parse_mapping("""
 [ports."rov/pressure"]
