@@ -53,14 +53,14 @@ def _ball(radius: float) -> FloatArray:
 
 
 THRUSTS = {
-    "ahead": (Sticks(surge=1.0), 0),
-    "astern": (Sticks(surge=-1.0), 0),
-    "to starboard": (Sticks(sway=1.0), 1),
-    "down": (Sticks(heave=1.0), 2),
-    "up": (Sticks(heave=-1.0), 2),
-    "turning": (Sticks(yaw=1.0), 5),
+    "ahead": ("surge", 1.0, 0),
+    "astern": ("surge", -1.0, 0),
+    "to starboard": ("sway", 1.0, 1),
+    "down": ("heave", 1.0, 2),
+    "up": ("heave", -1.0, 2),
+    "turning": ("yaw", 1.0, 5),
 }
-"""Full command of one stick, and the axis of the resulting wrench."""
+"""A stick of `Sticks`, its full command, and the axis of the resulting wrench."""
 
 
 @dataclass(frozen=True)
@@ -135,12 +135,8 @@ def _diagonal(M: FloatArray) -> tuple[float, ...]:
 
 def _thrust(helm: Helm) -> Iterator[tuple[str, int, float]]:
     """Yield name, axis and size (N or N m) of the thrust of each stick, with the vehicle held fast."""
-    known = {name: (sticks, axis) for name, (sticks, axis) in THRUSTS.items() if helm.has(_moved(sticks))}
-    wrench = bollard(helm.body, [partial(helm.tell, sticks=sticks) for sticks, _ in known.values()])
-    for row, (name, (_, axis)) in enumerate(known.items()):
+    known = {name: each for name, each in THRUSTS.items() if helm.has(each[0])}
+    commands = [partial(helm.tell, sticks=Sticks(**{stick: full})) for stick, full, _ in known.values()]
+    wrench = bollard(helm.body, commands)
+    for row, (name, (_, _, axis)) in enumerate(known.items()):
         yield name, axis, abs(float(wrench[row, axis]))
-
-
-def _moved(sticks: Sticks) -> str:
-    """Return the name of the one stick that is not at zero."""
-    return next(name for name, value in sticks._asdict().items() if value)
