@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import base64
 import contextlib
 import re
 import selectors
 import socket
-import struct
 import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -17,6 +15,7 @@ from uwserver.simulation.clock import SystemTime
 from uwserver_bench.net.traced import TICKS, open_trace
 from uwserver_bench.processes import carry_out
 from uwserver_bench.report import quantile
+from uwserver_bench.websocket import WebSocket
 
 IMU = "sensor_msgs/msg/Imu"
 MATCH_S = 20.0
@@ -64,63 +63,25 @@ def bridge(task: Task) -> dict[str, object]:
         streams = [stack.enter_context(_opened(task["address"])) for _ in range(task["clients"])]
         for client, stream in enumerate(streams):
             for topic in task["topics"]:
-                body = f'{{"op":"subscribe","topic":"{topic}"}}'.encode()
-                stream.sendall(struct.pack("BB", 0x81, 0x80 | len(body)) + bytes(4) + body)  # masked with zeros
+                stream.send(f'{{"op":"subscribe","topic":"{topic}"}}')
             selector.register(stream, selectors.EVENT_READ, client)
-        return _hear(selector, [_Frames(stream) for stream in streams], count, task["seconds"])
+        return _hear(selector, streams, count, task["seconds"])
 
 
 @contextlib.contextmanager
-def _opened(address: str) -> Iterator[socket.socket]:
-    """Return a WebSocket after its handshake."""
+def _opened(address: str) -> Iterator[WebSocket]:
     place = urlsplit(address)
     with socket.create_connection((place.hostname or "", place.port or 0), timeout=MATCH_S) as stream:
-        stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        key = base64.b64encode(bytes(16)).decode()
-        stream.sendall(
-            f"GET / HTTP/1.1\r\nHost: {place.netloc}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
-            f"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: {key}\r\n\r\n".encode()
-        )
-        head = b""
-        while b"\r\n\r\n" not in head:
-            head += stream.recv(1)
-        if b" 101 " not in head:
-            raise ValueError(f"the adapter refused a client: {head.decode(errors='replace')}")
-        yield stream
+        yield WebSocket(stream, place.netloc)
 
 
-class _Frames:
-    """Finds the messages in the bytes of a WebSocket server."""
-
-    def __init__(self, stream: Any) -> None:
-        self.stream, self._rest = stream, b""
-
-    def read(self) -> Iterator[bytes]:
-        """Return the complete messages."""
-        data = self.stream.recv(1 << 18)
-        if not data:
-            raise ConnectionError("the server closed a connection")
-        data, at = self._rest + data, 0
-        while len(data) - at >= 2:
-            size, head = data[at + 1], 2
-            if size == 126:
-                size, head = int.from_bytes(data[at + 2 : at + 4], "big"), 4
-            elif size == 127:
-                size, head = int.from_bytes(data[at + 2 : at + 10], "big"), 10
-            if len(data) - at < head + size:
-                break
-            yield data[at + head : at + head + size]
-            at += head + size
-        self._rest = data[at:]
-
-
-def _hear(selector: Any, streams: list[_Frames], count: _Count, seconds: float) -> dict[str, object]:
+def _hear(selector: Any, streams: list[WebSocket], count: _Count, seconds: float) -> dict[str, object]:
     for length in (SETTLE_S, seconds):
         count.begin()
         end = _clock.now_ns() + int(length * 1e9)
         while _clock.now_ns() < end:
             for key, _ in selector.select(0.1):
-                for message in streams[key.data].read():
+                for _, message in streams[key.data].read():
                     found = _STAMP.search(message)
                     if found is not None:
                         count.take(key.data, int(found[1]), int(found[2]))
