@@ -183,7 +183,7 @@ class Server:
             await self._ending.wait()
             event = self.hub.event("shutdown", self._reason or "the server ends")
             self._simulation.stop()
-            await self._loop.run_in_executor(None, self._join, thread)
+            await asyncio.to_thread(self._join, thread)
             if self.hub.profiling is not None:
                 self.hub.profiling.finish()
             self.hub.bus.say(event)

@@ -150,7 +150,7 @@ class Recordings:
         folder, sizes = self._folder, dict[str, int]()
         if folder is not None:
             try:
-                sizes = await _in_thread(partial(sizes_in, folder))
+                sizes = await asyncio.to_thread(sizes_in, folder)
             except OSError as error:
                 raise Refused("denied", f"{folder} cannot be read: {error.strerror or error}") from error
         return {
@@ -166,14 +166,14 @@ class Recordings:
         async with self._one_at_a_time:
             self._check_idle()
             try:
-                recorder, most = await _in_thread(partial(self._opened, folder, name))
+                recorder, most = await asyncio.to_thread(self._opened, folder, name)
             except OSError as error:
                 raise Refused("denied", f"nothing can be recorded to {folder}: {error.strerror or error}") from error
             try:
                 await self._begin(recorder)
             except BaseException:
                 self._detach_recorder()
-                await _in_thread(partial(_discard, recorder))
+                await asyncio.to_thread(_discard, recorder)
                 raise
             self._now = self._last = recorder
             self._watcher = asyncio.get_running_loop().create_task(self._watch(recorder, most))
@@ -230,7 +230,7 @@ class Recordings:
         finally:
             end_reading()
         try:
-            await _in_thread(partial(recorder.write_from, state))
+            await asyncio.to_thread(recorder.write_from, state)
         except Exception as error:
             text = (error.strerror if isinstance(error, OSError) else None) or str(error)
             recorder.abandon(text)
@@ -243,7 +243,7 @@ class Recordings:
         """End a recording that must not, or cannot, go on."""
         while True:
             await asyncio.sleep(POLL_S)
-            free = await _in_thread(partial(_free_bytes, recorder.path))
+            free = await asyncio.to_thread(_free_bytes, recorder.path)
             status = recorder.status()
             written = status["bytes"]
             if free is None:
@@ -275,8 +275,8 @@ class Recordings:
                 self._watcher.cancel()
                 self._watcher = None
             await self._end(recorder)
-            await _in_thread(recorder.close)
-            if await _in_thread(partial(_free_bytes, recorder.path)) is None:
+            await asyncio.to_thread(recorder.close)
+            if await asyncio.to_thread(_free_bytes, recorder.path) is None:
                 recorder.abandon(_LOST)
             self._now = None
         status = recorder.status()
@@ -357,11 +357,6 @@ def _free_bytes(path: Path) -> int | None:
         return shutil.disk_usage(path.parent).free
     except OSError:
         return None
-
-
-async def _in_thread(work: Callable[[], T]) -> T:
-    """Wait for disk access without blocking the loop."""
-    return await asyncio.get_running_loop().run_in_executor(None, work)
 
 
 def _shutdown() -> Refused:

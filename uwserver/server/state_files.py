@@ -202,7 +202,7 @@ class StateFiles:
         t_ns = world.ticks.time_of(kept.tick)
         try:
             async with self._one_at_a_time:
-                size = await asyncio.get_running_loop().run_in_executor(None, write)
+                size = await asyncio.to_thread(write)
         except OSError as error:
             on_reply(Reply(kept.tick, t_ns, fault=_failure(f"the state was not saved to {path}", error).fault))
             return
@@ -215,7 +215,7 @@ class StateFiles:
     async def _load(self, path: Path, source: str, on_reply: OnReply) -> None:
         world = self._simulation.world
         try:
-            data = await asyncio.get_running_loop().run_in_executor(None, read_state, path)
+            data = await asyncio.to_thread(read_state, path)
             self._mailbox.post(Call("world/load", in_one_piece(data), source), on_reply)
         except OSError as error:
             on_reply(Reply(world.tick, world.t_ns, fault=_failure(f"{path.name} cannot be read", error).fault))
