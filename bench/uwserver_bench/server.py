@@ -31,6 +31,18 @@ UNKNOWN = "not measured: this system has no /proc"
 
 _TRIES = 50
 
+VEHICLE = f"""\
+[vehicles.rov]
+model = "bluerov2_heavy"
+position_ned_m = [0.0, 0.0, 20.0]
+
+# The rates of the vehicle file divide 240 Hz. These are the nearest rates that divide {RATE_HZ} Hz.
+[vehicles.rov.override.sensors]
+imu = {{ rate_hz = 125.0 }}
+pressure = {{ rate_hz = 50.0 }}
+depth = {{ rate_hz = 50.0 }}
+"""
+"""A vehicle in a world of `RATE_HZ`."""
 SCENARIO = f"""\
 schema = 1
 title = "bench"
@@ -41,16 +53,7 @@ rate_hz = {RATE_HZ}
 [server]
 metrics = false
 
-[vehicles.rov]
-model = "bluerov2_heavy"
-position_ned_m = [0.0, 0.0, 20.0]
-
-# The rates of the vehicle file divide 240 Hz. These are the nearest rates that divide {RATE_HZ} Hz.
-[vehicles.rov.override.sensors]
-imu = {{ rate_hz = 125.0 }}
-pressure = {{ rate_hz = 50.0 }}
-depth = {{ rate_hz = 50.0 }}
-
+{VEHICLE}
 [adapters.tcp]
 kind = "sockets"
 port = 0

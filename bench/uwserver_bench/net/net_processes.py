@@ -12,12 +12,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from uwserver_bench.processes import BenchFailed, Served, processor_s, running, scenario_file
+from uwserver_bench.server import RATE_HZ, VEHICLE
 
 WIRE_ADDRESS: Mapping[str, str] = {
     "TCP JSON": "tcp", "TCP msgpack": "tcp", "WebSocket": "tcp", "UDP": "udp", "zenoh": "zenoh",
 }  # fmt: skip
 """Names under which the server lists the address of each transport."""
-RATE_HZ = 250
 HAS_ZENOH = importlib.util.find_spec("zenoh") is not None
 NO_ZENOH = "not measured: pip install uwserver"
 
@@ -34,18 +34,9 @@ mode = "%s"
 [server]
 metrics = false
 
-[vehicles.rov]
-model = "bluerov2_heavy"
-position_ned_m = [0.0, 0.0, 20.0]
-
+{VEHICLE}
 [vehicles.rov.truth]
 rate_hz = {RATE_HZ}.0
-
-# The rates of the vehicle file divide 240 Hz. These are the nearest rates that divide {RATE_HZ} Hz.
-[vehicles.rov.override.sensors]
-imu = {{ rate_hz = 125.0 }}
-pressure = {{ rate_hz = 50.0 }}
-depth = {{ rate_hz = 50.0 }}
 
 [adapters.tcp]
 kind = "sockets"

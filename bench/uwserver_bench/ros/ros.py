@@ -20,7 +20,7 @@ from uwserver.ports import Buffer, Field, Port, Sample
 from uwserver_bench.net.net_processes import Traced, traced_server
 from uwserver_bench.processes import BenchFailed, Load, loading
 from uwserver_bench.report import Row
-from uwserver_bench.server import LATENESS_BAR_MS, lateness_p99_ms
+from uwserver_bench.server import LATENESS_BAR_MS, RATE_HZ, VEHICLE, lateness_p99_ms
 
 IMU_BAR_US, PICTURE_BAR_MS, WRITE_BAR_US = 8.0, 0.2, 5.0
 HEIGHT, WIDTH = 256, 512
@@ -143,7 +143,7 @@ def _ms(work: Callable[[], object], times: int) -> float:
 # -- peers ------------------------------------------------------------------------------------------------------------------------------
 
 LATENCY_BAR_MS, FLOW_BAR, CLIENT_BAR = 1.0, 10_000.0, 980.0
-RATE_HZ, IMUS, CLIENTS, DOMAIN = 250, 4, 5, 230
+IMUS, CLIENTS, DOMAIN = 4, 5, 230
 EPOCH_S = 1_767_225_600
 """2026-01-01: the begin of simulation time here."""
 TASKS = {"rosbridge": "bridge", "zenoh": "zenoh", "DDS": "dds"}
@@ -168,16 +168,7 @@ mode = "%s"
 [server]
 metrics = false
 
-[vehicles.rov]
-model = "bluerov2_heavy"
-position_ned_m = [0.0, 0.0, 20.0]
-
-# The rates of the vehicle file divide 240 Hz. These are the nearest rates that divide {RATE_HZ} Hz.
-[vehicles.rov.override.sensors]
-imu = {{ rate_hz = 125.0 }}
-pressure = {{ rate_hz = 50.0 }}
-depth = {{ rate_hz = 50.0 }}
-
+{VEHICLE}
 [adapters.tcp]
 kind = "sockets"
 port = 0
