@@ -17,6 +17,7 @@ from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.export import identity
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.scene.scenery import Scenery
+from uwserver.scenario.solids import appearance
 from uwserver.scenario.solids.appearance import check_glb, read_model_file
 from uwserver.world.scene_probe import SceneProbe
 
