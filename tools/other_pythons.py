@@ -47,7 +47,7 @@ TESTS = {
     "unit/server/test_signals.py": "signals, on loops that know them and on others",
     "unit/client/test_sync.py::test_drive_and_read": "sockets and threads of the client",
     "unit/client/test_aio.py::test_progress_and_cancelled_task": "streams of the client, and how its tasks are cancelled",
-    "unit/physics/kernel/test_fingerprint.py": "kernels are kept by their byte code",
+    "unit/physics/kernel/test_store.py": "kernels are kept by their byte code",
     "unit/physics/collision/test_coal_engine.py": "the engine from 3.12 on; before it is that of the Python that has all tests",
 }  # fmt: skip
 """Below tests/: what can differ, and why. No kernels are needed but those of the loop."""

@@ -13,8 +13,7 @@ mpl.use("Agg")
 from matplotlib import pyplot as plt
 
 from uwserver.cli.recordings.pictures import picture
-from uwserver.environment.absorption import absorption
-from uwserver.environment.column import ThermoclineColumn, WaterColumn
+from uwserver.environment.column import ThermoclineColumn, WaterColumn, absorption
 from uwserver.ports import Sample
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load

@@ -12,11 +12,10 @@ import numpy as np
 from msgspec import structs
 from PIL import Image
 
+from uwserver.environment.acoustics.boundaries import lambert
 from uwserver.environment.acoustics.noise import ambient_db
 from uwserver.environment.currents import ProfileConfig, profile_rows
-from uwserver.environment.materials import lambert
-from uwserver.environment.sea import Sea
-from uwserver.environment.water import Water
+from uwserver.environment.water import Sea, Water
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.geometry.shapes import Box, Cylinder, Placed, Solid, TriangleMesh
 from uwserver.physics.kernel.arrays import FloatArray

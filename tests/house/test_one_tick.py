@@ -18,7 +18,7 @@ STAGES = {
     "fill_flows": "uwserver.step.bodies.fill_flows",
     "strike": "uwserver.physics.contact.carrying._touch",
     "advance": "uwserver.physics.contact.carrying._advance",
-    "settle": "uwserver.physics.contact.carrying._touch",
+    "finish_contacts": "uwserver.physics.contact.carrying._touch",
     "rates": "uwserver.physics.contact.carrying.find_rates",
     "cast": "uwserver.step.readings._aim",
     "aim": "uwserver.step.readings._aim",
@@ -31,7 +31,7 @@ STAGES = {
 
 KERNELS = {
     "uwserver.physics.dynamics.integrator": ("advance", "advance_fitted", "rates_of_change", "rates_of_change_fitted"),
-    "uwserver.physics.contact.step": ("strike", "strike_fitted", "settle"),
+    "uwserver.physics.contact.step": ("strike", "strike_fitted", "finish_contacts"),
     "uwserver.physics.contact.carrying": ("carry", "find_rates"),
     "uwserver.physics.rays.meeting": ("meet",),
     "uwserver.step.delivery": ("deliver",),
@@ -110,8 +110,8 @@ def test_what_a_tick_consists_of_is_not_called_past_it() -> None:
 def test_a_call_past_it_is_found() -> None:
     text = "from uwserver.physics.dynamics import integrator\ndef more(world):\n    for k in range(9):\n        integrator.advance(world, 0.0, 0.1)\n"
     assert list(by_name([module_of("uwserver.copies.loops", text)])) == [("advance", "uwserver.copies.loops.more")]
-    text = "from uwserver.physics.kernel.calling import call\ndef more(codes):\n    call(codes.settle, ())\n"
-    assert list(by_address([module_of("uwserver.copies.loops", text)])) == [("settle", "uwserver.copies.loops.more")]
+    text = "from uwserver.physics.kernel.calling import call\ndef more(codes):\n    call(codes.finish_contacts, ())\n"
+    assert list(by_address([module_of("uwserver.copies.loops", text)])) == [("finish_contacts", "uwserver.copies.loops.more")]
 
 
 def test_ticks_are_made_by_the_step_alone() -> None:

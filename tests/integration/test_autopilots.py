@@ -205,7 +205,7 @@ vehicle = "other"
     ],
 )
 def test_what_does_not_fit_is_told_at_the_start(tmp_path: Path, wrong: str, right: str, phrase: str) -> None:
-    """All that can be wrong is tried in tests/unit/adapters/sil/test_world.py; here, that it ends the command."""
+    """All that can be wrong is tried in tests/unit/adapters/sil/test_in_the_loop.py; here, that it ends the command."""
     text = ardusub_scenario()
     assert wrong in text
     file = tmp_path / "wrong.toml"

@@ -13,7 +13,7 @@ import pytest
 
 import uwserver
 from uwserver.adapter import installed_adapters
-from uwserver.environment.geodesy import north_east
+from uwserver.environment.earth import north_east
 from uwserver.frames import matrix
 from uwserver.physics.geometry.shapes import Box
 from uwserver.ports import Port

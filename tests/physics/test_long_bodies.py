@@ -12,13 +12,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uwserver.environment.sea import Sea
+from uwserver.environment.water import Sea
 from uwserver.environment.waves import wave_number
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.appendage_params import Appendages, FoilParams
-from uwserver.physics.dynamics.lag import Lag
-from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams
+from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, Lag, ThrusterParams
 from uwserver.physics.kernel.layout import NU, PROFILE_SIZE, SHAPE_BOX, P, Q, SeaRows
 
 G, RHO = 9.81, 1025.0

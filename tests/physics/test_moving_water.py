@@ -10,12 +10,11 @@ import pytest
 from uwserver_bench.proofs.motion import record
 
 from uwserver.environment.currents import ProfileConfig, profile_rows
-from uwserver.environment.sea import Sea
+from uwserver.environment.water import Sea
 from uwserver.environment.waves import wave_number
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.dynamics.lag import Lag
-from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams
+from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, Lag, ThrusterParams
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import (
     FLOW_GRADIENT,

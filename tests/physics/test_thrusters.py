@@ -17,8 +17,7 @@ from uwserver.frames import quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.appendage_params import quadrant_coefficients
 from uwserver.physics.dynamics.immersion import disc_fraction
-from uwserver.physics.dynamics.lag import Lag
-from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams
+from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, Lag, ThrusterParams
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, Q
 from uwserver.scenario.build.members import electric_of

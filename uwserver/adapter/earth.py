@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from uwserver.environment.geodesy import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS, latitude_longitude, north_east
+from uwserver.environment.earth import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS, latitude_longitude, north_east
 
 __all__ = ["ECCENTRICITY_SQUARED", "SEMI_MAJOR_AXIS", "latitude_longitude", "north_east"]

@@ -39,7 +39,7 @@ from uwserver.autopilot.sensor_inputs import (
 from uwserver.autopilot.state import NEVER, STILL, Estimate
 from uwserver.autopilot.sticks import follow_estimate
 from uwserver.autopilot.tracks import Measured, is_likely, measure_bearing, measure_position, measure_velocity, predict
-from uwserver.environment import geodesy
+from uwserver.environment import earth
 from uwserver.frames import Quat, Vec3
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled, separate
@@ -62,7 +62,7 @@ VELOCITY_VARIANCE = 0.02**2
 COASTING_S = 2.0
 """Time constant with which a motion that no sensor measures is assumed to die away, s."""
 
-_north_east = compiled(geodesy.north_east)
+_north_east = compiled(earth.north_east)
 
 
 # -- samples --------------------------------------------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uwserver.environment.geodesy import north_east
+from uwserver.environment.earth import north_east
 from uwserver.frames import attitude_enu_flu, quat_from_rpy, rotate
 from uwserver.logfiles.log import Log, LogError, matches, member
 from uwserver.logfiles.mapping import (

@@ -12,11 +12,9 @@ from uwserver.physics import entries
 from uwserver.physics.collision.contacts import Collider, Contacts, Impulses
 from uwserver.physics.contact.touching import Touching
 from uwserver.physics.dynamics.body_rows import appended, rows_of, table_numbers
-from uwserver.physics.dynamics.lag import Lag
-from uwserver.physics.dynamics.params import BodyParams, ForceTable, body_row, lag_row, table_row
+from uwserver.physics.dynamics.params import BodyParams, ForceTable, Lag, body_row, lag_row, table_row
 from uwserver.physics.kernel import layout
-from uwserver.physics.kernel.arrays import FloatArray, IntArray, Records
-from uwserver.physics.kernel.records import joined
+from uwserver.physics.kernel.arrays import FloatArray, IntArray, Records, joined
 from uwserver.physics.kernel.team import ALONE
 from uwserver.physics.saved_rows import check_rows
 

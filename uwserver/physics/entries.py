@@ -44,10 +44,10 @@ def codes(fitted: bool, touches: bool) -> Codes:
 
 
 def _contact_codes(fitted: bool) -> tuple[int, int]:
-    from uwserver.physics.contact.calling import STRUCK, load
+    from uwserver.physics.contact.carrying import STRUCK, load_stages
 
-    strike, settle = load(fitted)
-    return address_of(strike, str(STRUCK)), address_of(settle, "none")
+    strike, finish = load_stages(fitted)
+    return address_of(strike, str(STRUCK)), address_of(finish, "none")
 
 
 @cache

@@ -7,9 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uwserver.physics.collision.contacts import NO_CONTACTS, Contacts
+from uwserver.physics.collision.contacts import NO_CONTACTS, Contacts, Finding
 from uwserver.physics.collision.engine import AUTO
-from uwserver.physics.collision.finding import Finding
 from uwserver.physics.collision.solids import Solids
 from uwserver.physics.collision.ways import WaysOut
 from uwserver.physics.geometry.rows import Stock

@@ -12,8 +12,14 @@ from uwserver.physics import entries
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.collision.contacts import Contacts
 from uwserver.physics.dynamics.appendage_params import Appendages, PropellerParams, ServoParams
-from uwserver.physics.dynamics.lag import Lag
-from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
+from uwserver.physics.dynamics.params import (
+    BodyParams,
+    BuoyancyShape,
+    ForceTable,
+    Lag,
+    ThrusterParams,
+    rigid_body_inertia,
+)
 from uwserver.physics.geometry.shapes import Box, HalfSpace, Placed, Solid, Sphere, TriangleMesh
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import PROFILE_SIZE, SHAPE_BOX, SHAPE_SPHERE, WAVE_SIZE, SeaRows
@@ -79,9 +85,9 @@ def _still_sea() -> tuple[SeaRows, FloatArray]:
 
 def _strike(fitted: bool) -> None:
     """Stages of contact but the step of the bodies, which `advance` compiles."""
-    from uwserver.physics.contact import calling
+    from uwserver.physics.contact import carrying
 
-    calling.load(fitted)
+    carrying.load_stages(fitted)
 
 
 def _free(fitted: bool) -> None:

@@ -16,8 +16,8 @@ import msgspec
 import numpy as np
 from msgspec import Meta, Struct, structs
 
+from uwserver.environment.acoustics.boundaries import Sediment, lambert, sediments
 from uwserver.environment.earth import Earth, turns_of_level
-from uwserver.environment.materials import Sediment, lambert, sediments
 from uwserver.environment.water import Water
 from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, quat_from_rpy, rotate, spin
 from uwserver.modifiers import Measurement, ModifierConfig

@@ -20,9 +20,8 @@ from msgspec import convert
 from uwserver.frames import conjugate as conjugated
 from uwserver.modifiers.base import Measurement, Memory, plain_of, write_record
 from uwserver.modifiers.columns import Columns
-from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray, Records
+from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray, Pool, Records
 from uwserver.physics.kernel.deferred import Deferred, Elsewhere, compiled, entry, inlined
-from uwserver.physics.kernel.pool import Pool
 from uwserver.physics.kernel.random import draw_normals
 from uwserver.physics.kernel.straight import address_of
 from uwserver.physics.rays.raycast import Geometry, no_hits

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 
 from uwserver import frames
-from uwserver.environment import absorption as sound
-from uwserver.environment import earth, geodesy
+from uwserver.environment import column, earth
+from uwserver.environment.acoustics.boundaries import SURFACE_DB
 from uwserver.environment.column import DEPTH, PRESSURE, SALINITY, TEMPERATURE
-from uwserver.environment.materials import SURFACE_DB
 from uwserver.frames import Quat, Vec3
 from uwserver.physics.contact import touching
 from uwserver.physics.dynamics.flow import ELEVATION, HEAD, POINT_SIZE, V, water_at
@@ -41,8 +40,8 @@ _body_a_at, _body_b_at, _point_at, _impulse_at, _counts_at = (
 _uniform_at, _profiles_at, _waves_at = array_at(FORMS, "uniform"), array_at(FORMS, "profiles"), array_at(FORMS, "waves")
 
 rotate, multiply = compiled(frames.rotate), compiled(frames.multiply)
-_absorption = compiled(sound.absorption)
-latitude_longitude = compiled(geodesy.latitude_longitude)
+_absorption = compiled(column.absorption)
+latitude_longitude = compiled(earth.latitude_longitude)
 _turns_of_level = compiled(earth.turns_of_level)
 conjugate, quat_from_rpy, rpy_from_quat, spin = (
     compiled(frames.conjugate), compiled(frames.quat_from_rpy), compiled(frames.rpy_from_quat), compiled(frames.spin),

@@ -49,7 +49,7 @@ def fill_flows(table: Array, ahead: float) -> None:
 @compiled
 def _codes(table: Array) -> Codes:
     codes = _course(table)[0].codes
-    return Codes(codes.advance, codes.rates, codes.strike, codes.settle)
+    return Codes(codes.advance, codes.rates, codes.strike, codes.finish_contacts)
 
 
 @compiled

@@ -10,8 +10,8 @@ import numpy as np
 
 from uwserver.environment.acoustics import channel
 from uwserver.modifiers import choosing
-from uwserver.physics.kernel.fingerprint import kernel_name
 from uwserver.physics.kernel.random import draw_normals
+from uwserver.physics.kernel.store import kernel_name
 from uwserver.sensors import compiled, truth
 from uwserver.sensors.acoustic.cross_talk import CompiledSonar
 from uwserver.sensors.compiled import CompiledSensor, SensorKernel

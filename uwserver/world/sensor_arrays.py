@@ -7,14 +7,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from uwserver.environment.acoustics.boundaries import Sediment
 from uwserver.environment.earth import Earth
-from uwserver.environment.materials import Sediment
 from uwserver.environment.water import Water
 from uwserver.modifiers.operations import OPERATION
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel import layout
-from uwserver.physics.kernel.arrays import FloatArray, IntArray
-from uwserver.physics.kernel.pool import Pool
+from uwserver.physics.kernel.arrays import FloatArray, IntArray, Pool
 from uwserver.physics.rays.raycast import Geometry
 from uwserver.ports.decimation import Decimation
 from uwserver.ports.sample_batch import SampleLog

@@ -12,7 +12,7 @@ import numpy as np
 from uwserver.environment.water import Water
 from uwserver.physics import entries
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.collision.finding import NO_FINDING, Finding
+from uwserver.physics.collision.contacts import NO_FINDING, Finding
 from uwserver.physics.kernel.arrays import IntArray
 from uwserver.physics.kernel.layout import addresses
 from uwserver.physics.rays.raycast import Geometry

@@ -15,7 +15,7 @@ from uwserver.autopilot.modes import known
 from uwserver.autopilot.sensor_inputs import SensorInput, SensorInputs, SiteData
 from uwserver.autopilot.state import NEVER
 from uwserver.autopilot.vehicle_spec import Dynamics, VehicleSpec
-from uwserver.environment.geodesy import latitude_longitude
+from uwserver.environment.earth import latitude_longitude
 from uwserver.frames import conjugate, multiply, quat_from_rpy, rotate, rpy_from_quat
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.kernel.straight import straight

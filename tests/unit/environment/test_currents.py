@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from uwserver.environment.currents import Drift, GaussMarkovConfig, ProfileConfig, profile_rows
-from uwserver.environment.sea import Sea
+from uwserver.environment.water import Sea
 from uwserver.physics.kernel.layout import WAVE_SIZE, SeaRows
 
 DEPTHS = (0.0, 5.0, 20.0, 50.0)

@@ -11,8 +11,15 @@ from sensor_rig import (
     EARTH,
 )
 
-from uwserver.environment.earth import EARTH_RATE, GRAVITY_GROWTH, Earth, normal_gravity, turns_of_level
-from uwserver.environment.geodesy import latitude_longitude
+from uwserver.environment.earth import (
+    EARTH_RATE,
+    GRAVITY_GROWTH,
+    Earth,
+    latitude_longitude,
+    normal_gravity,
+    north_east,
+    turns_of_level,
+)
 from uwserver.scenario.world.earth import magnetic_about
 from uwserver.units import deg, rad
 
@@ -75,3 +82,11 @@ def test_who_moves_over_a_round_earth_turns(v, about):
 def test_an_earth_that_does_not_turn():
     earth = Earth(rad(50.0), 0.0)
     assert turns_of_level(earth.rate, earth.curvature, (1e3, 2e3, 3.0), (1.0, 2.0, 3.0)) == ((0.0,) * 3, (0.0,) * 3)
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0), (3000.0, -4000.0), (-250_000.0, 180_000.0)])
+@pytest.mark.parametrize("origin", [(63.43, 10.40), (0.0, 179.9), (-45.0, -170.0)])
+def test_geodesy_leads_there_and_back(place, origin):
+    latitude, longitude = latitude_longitude(*place, rad(origin[0]), rad(origin[1]))
+    north, east = north_east(np.array(latitude), np.array(longitude), rad(origin[0]), rad(origin[1]))
+    assert (float(north), float(east)) == pytest.approx(place, abs=1e-6)

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from uwserver.environment.sea import Sea
-from uwserver.environment.water import Water
+from uwserver.environment.water import Sea, Water
 from uwserver.environment.waves import WavesConfig, spectral_shape, wave_number, wave_rows
 from uwserver.physics.kernel import layout as rows_of
 from uwserver.physics.kernel.layout import PROFILE_SIZE, SeaRows

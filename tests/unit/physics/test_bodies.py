@@ -12,8 +12,14 @@ from uwserver_bench.proofs.contact_forms import FEET, OFF_DIAGONAL, vehicle
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.appendage_params import Appendages, HullParams, ServoParams
-from uwserver.physics.dynamics.lag import Lag
-from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, rigid_body_inertia
+from uwserver.physics.dynamics.params import (
+    BodyParams,
+    BuoyancyShape,
+    ForceTable,
+    Lag,
+    ThrusterParams,
+    rigid_body_inertia,
+)
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, PROFILE_SIZE, SHAPE_BOX, WAVE_SIZE, Q, SeaRows
 

@@ -9,7 +9,7 @@ from sensor_rig import MOUNT, at, started
 
 from uwserver.modifiers import Measurement
 from uwserver.modifiers.columns import Columns
-from uwserver.physics.kernel.pool import Pool
+from uwserver.physics.kernel.arrays import Pool
 from uwserver.physics.kernel.random import draw_normals, key_of
 from uwserver.ports import Field, Refused
 from uwserver.sensors import (

@@ -10,8 +10,7 @@ import pytest
 from sensor_rig import CAST, EARTH, MOUNT, Q, at, full_speed, world_with
 
 from uwserver.environment.column import DENSITY, SALINITY, SOUND_SPEED, TEMPERATURE, WaterColumn
-from uwserver.environment.sea import Sea
-from uwserver.environment.water import Water
+from uwserver.environment.water import Sea, Water
 from uwserver.environment.waves import wave_number
 from uwserver.frames import conjugate, multiply
 from uwserver.physics.kernel.compiled import entry

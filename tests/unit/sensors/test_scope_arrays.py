@@ -9,7 +9,7 @@ import pytest
 from sensor_rig import CAST, EARTH, at, world_with
 
 from uwserver.environment.column import SALINITY, TEMPERATURE, WaterColumn
-from uwserver.environment.sea import Sea
+from uwserver.environment.water import Sea
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.kernel.layout import PROFILE_SIZE, WAVE_SIZE, SeaRows
 from uwserver.sensors.scope_arrays import ScopeArrays

@@ -16,8 +16,8 @@ import rooms
         ("uwserver/units.py", ()),
         ("uwserver/physics/rays/hits.py", ("tests/unit/physics/rays/test_hits.py", "tests/unit/physics/rays")),
         (
-            "uwserver/physics/dynamics/foil.py",
-            ("tests/unit/physics/dynamics/test_foil.py", "tests/unit/physics/dynamics", "tests/physics"),
+            "uwserver/physics/dynamics/appendage_forces.py",
+            ("tests/unit/physics/dynamics/test_appendage_forces.py", "tests/unit/physics/dynamics", "tests/physics"),
         ),
         ("adapters/uwserver_adapters/mavlink/wire/codec.py", ("tests/unit/adapters/mavlink/wire",)),
         ("adapters/uwserver_adapters/__init__.py", ()),

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import uwserver
-from uwserver.physics.dynamics.lag import Lag
-from uwserver.physics.dynamics.params import ForceTable, ThrusterParams
+from uwserver.physics.dynamics.params import ForceTable, Lag, ThrusterParams
 from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.world import snapshot
 from uwserver.world.scene_probe import SceneProbe, full_thrust

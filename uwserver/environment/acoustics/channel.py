@@ -58,15 +58,15 @@ class Path(NamedTuple):
 @cache
 def _kernels() -> tuple[ModuleType, ModuleType, ModuleType]:
     """Return the modules of compiled code. They are imported at the first use, as numba takes long to load."""
-    from uwserver.environment.acoustics import fan, search, thinning
+    from uwserver.environment.acoustics import fan, layers, search
 
-    return search, thinning, fan
+    return search, layers, fan
 
 
 def kernels() -> tuple[Any, ...]:
     """Return the compiled functions that Python calls."""
-    search, thinning, fan = _kernels()
-    return (search.find_rays.made(), thinning.thin_out.made(), fan.make_fan.made())
+    search, layers, fan = _kernels()
+    return (search.find_rays.made(), layers.thin_out.made(), fan.make_fan.made())
 
 
 def load_kernels() -> None:

@@ -236,7 +236,7 @@ def _scan(
 
 
 @compiled
-def _find_rays(m: Medium, rays: Angles, span: Array, x: float, found: Array, out: Array, count: int) -> int:
+def _solve_interval(m: Medium, rays: Angles, span: Array, x: float, found: Array, out: Array, count: int) -> int:
     """Find the rays of a row of the queue, and keep them. Return the number of rays."""
     k, bounces, kind, first, second = int(span[PLACE]), int(span[BOUNCES]), int(span[KIND]), span[FIRST], span[SECOND]
     i, j, d, downward = 2 * (bounces + kind % 2), 2 * (bounces + kind // 2), 2 * bounces + 1, kind % 2 == 0
@@ -254,7 +254,7 @@ def _find_rays(m: Medium, rays: Angles, span: Array, x: float, found: Array, out
 
 
 @compiled
-def _find_queued_rays(
+def _solve_queue(
     m: Medium, rays: Angles, queue: Array, size: int, x: float, found: Array, out: Array, count: int
 ) -> int:
     """Find the rays of a queue in the order of their earliest times, until the others are too late to be kept. Return the number of rays."""
@@ -267,7 +267,7 @@ def _find_queued_rays(
             queue[done, column], queue[best, column] = queue[best, column], queue[done, column]
         if count == len(out) and queue[done, EARLIEST] > out[count - 1, TIME]:
             break
-        count = _find_rays(m, rays, queue[done], x, found, out, count)
+        count = _solve_interval(m, rays, queue[done], x, found, out, count)
     return count
 
 
@@ -334,8 +334,8 @@ def find_rays(
         ways(m, fan, nodes, rays, begin, end, order, at)
         size, latest = _scan(m, fan, nodes, rays, begin, end, at, x, order, alone, latest, queue, size)
         if size > len(queue) // 2:
-            count, size = _find_queued_rays(m, rays, queue, size, x, found, out, count), 0
+            count, size = _solve_queue(m, rays, queue, size, x, found, out, count), 0
             latest = out[count - 1, TIME] if count == len(out) else latest
-    count = _find_queued_rays(m, rays, queue, size, x, found, out, count)
+    count = _solve_queue(m, rays, queue, size, x, found, out, count)
     _widen(m, found, omega, out, count)
     return count

@@ -17,8 +17,7 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import arrays_at
 from uwserver.physics.kernel.layout import NU, Forms, P, Q, columns
-from uwserver.physics.kernel.linear import dot
-from uwserver.physics.kernel.rotation import product, rotation
+from uwserver.physics.kernel.linear import dot, product, rotation
 
 
 class Search(NamedTuple):

@@ -12,8 +12,15 @@ import numpy as np
 
 from uwserver.physics.collision.cores import FAR, Cores, core_radius, farthest
 from uwserver.physics.collision.manifold import FLAT, Work, clip, cut_by_triangle
-from uwserver.physics.geometry.slots import CAPSULE, CYLINDER, POLYHEDRON, Shapes
-from uwserver.physics.geometry.support import support, support_face, support_feature
+from uwserver.physics.geometry.slots import (
+    CAPSULE,
+    CYLINDER,
+    POLYHEDRON,
+    Shapes,
+    support,
+    support_face,
+    support_feature,
+)
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.kernel.linear import dot

@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uwserver.physics.collision.contacts import NUMBERS
-from uwserver.physics.geometry.slots import Shapes
-from uwserver.physics.geometry.support import RING
+from uwserver.physics.geometry.slots import RING, Shapes
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.kernel.linear import dot

@@ -25,8 +25,7 @@ from uwserver.physics.collision.manifold import (
     thin_out,
 )
 from uwserver.physics.geometry.mesh import AT_POINT, in_normal_cone, triangles_at
-from uwserver.physics.geometry.slots import CYLINDER, HALF_SPACE, MESH, Shapes
-from uwserver.physics.geometry.support import support, support_face, support_feature
+from uwserver.physics.geometry.slots import CYLINDER, HALF_SPACE, MESH, Shapes, support, support_face, support_feature
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import array_at, arrays_at

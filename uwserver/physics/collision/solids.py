@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from uwserver.physics.collision.contacts import NO_CONTACTS, NUMBERS, Contacts
+from uwserver.physics.collision.contacts import NO_CONTACTS, NUMBERS, Contacts, Finding
 from uwserver.physics.collision.engine import Pose, engine_attitude
-from uwserver.physics.collision.finding import Finding
 from uwserver.physics.collision.ways import WaysOut
 from uwserver.physics.geometry.rows import Part, Stock
 from uwserver.physics.geometry.shapes import BadSolid, HalfSpace, Placed, Solid, TriangleMesh

@@ -2,7 +2,7 @@
 
     1. strike:  what contacts do at the start of the tick, and what holds over it (`contact.step`); where nothing touches there is none.
     2. advance: each body by its own equations of motion (`dynamics.integrator`).
-    3. settle:  what contacts have left at the end of it.
+    3. finish_contacts:  what contacts have left at the end of it.
 
 These are called by where their code lies, as each is compiled for worlds with or without appendages.
 """
@@ -11,14 +11,52 @@ from __future__ import annotations
 
 from typing import Any
 
-from uwserver.physics.collision.contacts import Contacts
-from uwserver.physics.contact.calling import call_for_struck
+import numba
+import numpy as np
+
+from uwserver.physics.collision.contacts import NO_CONTACTS, NO_IMPULSES, Contacts
+from uwserver.physics.contact import step
+from uwserver.physics.contact.forces import Struck
+from uwserver.physics.contact.solver import Constraints
 from uwserver.physics.contact.touching import COLUMNS, FORMS, FOUND, KEPT
 from uwserver.physics.kernel.arrays import Array
-from uwserver.physics.kernel.calling import call, call_for_number
-from uwserver.physics.kernel.compiled import compiled, entry
+from uwserver.physics.kernel.calling import call, call_for_number, caller
+from uwserver.physics.kernel.compiled import compiled, entry, inlined
 from uwserver.physics.kernel.handles import array_at, arrays_at
 from uwserver.physics.kernel.layout import Codes
+
+_whole, _flags = np.zeros(0, np.int64), np.zeros(0, np.bool_)
+
+
+def _floats(dimensions: int) -> Any:
+    return np.zeros((0,) * dimensions)
+
+
+_NOTHING = Struck(
+    _whole, _floats(3), Constraints(_whole, _whole, _whole, _whole, _floats(3), _floats(4), _floats(2)),
+    _floats(2), _floats(2), _floats(2), _flags, _floats(2),
+)  # fmt: skip
+STRUCK = numba.typeof(_NOTHING)
+"""What `step.strike` gives."""
+
+_for_struck = caller(STRUCK)
+
+
+@inlined
+def call_for_struck(code: int, args: Any) -> Any:
+    """Call `step.strike` with a tuple of its arguments."""
+    return _for_struck(code, args)
+
+
+def load_stages(fitted: bool) -> tuple[Any, Any]:
+    """`step.strike`, of a world with or without appendages, and `step.finish_contacts`: compiled, or from the cache."""
+    strike: Any = step.strike_fitted if fitted else step.strike
+    finish_contacts: Any = step.finish_contacts
+    table, old = np.zeros((0, 2), np.int64), NO_IMPULSES
+    strike.load(table, NO_CONTACTS, old.contacts.key, old.contacts.point, old.hold, 0.0, 0.0)
+    finish_contacts.load(table, _NOTHING, NO_CONTACTS, 0.0, old.impulse, old.hold, _floats(2))
+    return strike, finish_contacts
+
 
 found_at, kept_at = arrays_at(Contacts, COLUMNS), arrays_at(Contacts, FORMS)  # what was found stands first in the table
 counts_at = array_at(FORMS, "counts")
@@ -62,7 +100,7 @@ def _touch(codes: Codes, world: Array, touching: Array, contact_nu_dot: Array, t
     lost = _advance(codes, world, t, dt)
     if lost < 0:
         _keep(touching, n)
-        call(codes.settle, (world, struck, contacts, dt, _impulse(touching)[:n], hold[:n], contact_nu_dot))
+        call(codes.finish_contacts, (world, struck, contacts, dt, _impulse(touching)[:n], hold[:n], contact_nu_dot))
     counts[FOUND] = 0
     return lost
 

@@ -9,8 +9,7 @@ import numpy as np
 from uwserver.physics.contact.solver import Constraints, solve_island
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
-from uwserver.physics.kernel.linear import solve
-from uwserver.physics.kernel.rotation import product, rotation
+from uwserver.physics.kernel.linear import product, rotation, solve
 
 SLOP = 1e-5  # m of penetration that is left alone; Bullet's own figure
 RECOVERY = 0.2  # part of the penetration beyond that is recovered each tick

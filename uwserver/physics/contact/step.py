@@ -5,7 +5,7 @@
                 velocity at the end of the tick satisfies the contacts. It acts as a force over the tick, so a body at rest stays at rest
                 within it too. Bodies without an impulse keep their free step, bit for bit.
     2. The real RK4 step of all bodies (`integrator.advance`), with them: drag, Munk moment and thrust act on the true motion.
-    3. settle:  the small rest that the change of those forces leaves is removed at the new pose. Penetration is recovered by a displacement
+    3. finish_contacts:  the small rest that the change of those forces leaves is removed at the new pose. Penetration is recovered by a displacement
                 that never enters the velocity (split impulse), so it adds no kinetic energy.
 
 All impulses act through the full 6x6 inverse of M_RB + held M_A, on both bodies at one point of N. A contact goes on within the tick as it
@@ -19,13 +19,13 @@ from typing import Any
 
 import numpy as np
 
-from uwserver.physics.contact.drift import set_drift
-from uwserver.physics.contact.forces import Struck, apply_forces, clear_contact
-from uwserver.physics.contact.islands import fill_slots, find_islands
+from uwserver.physics.contact.forces import Struck, apply_forces, clear_contact, set_drift
 from uwserver.physics.contact.recovery import recover
 from uwserver.physics.contact.solver import (
     Constraints,
     add_response,
+    fill_slots,
+    find_islands,
     relative_velocity,
     set_axes,
     set_jacobians,
@@ -38,7 +38,7 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import fitted_at, flows_at, model_at, scratch_at, state_at, team_at
 from uwserver.physics.kernel.layout import STATE_SIZE, Fitted, Model
-from uwserver.physics.kernel.rotation import rotation
+from uwserver.physics.kernel.linear import rotation
 from uwserver.physics.kernel.sharing import share
 
 BOUNCE_SPEED = 0.01  # m/s: slower hits do not bounce, or a body at rest would tremble
@@ -227,7 +227,7 @@ def _await_touch(
     """Where a hit comes within the tick, let what held before it hold until then: `hold` becomes the mean over the tick.
 
     The hit itself is divided between the start and the end of the tick as it comes early or late in it. So a body that rocks from one edge to
-    another is carried by the first until the second touches. `settle` must leave the island as it is, so its contacts become `bounced`.
+    another is carried by the first until the second touches. `finish_contacts` must leave the island as it is, so its contacts become `bounced`.
     """
     order, bounds = constraints.order, constraints.bounds
     first = 2.0
@@ -289,7 +289,7 @@ def _sum_up(constraints: Constraints, impulse: Array, change: Array) -> None:
 
 
 @entry
-def settle(
+def finish_contacts(
     table: Array, struck: Struck, contacts: Any, dt: float, impulse_N: Array, hold_N: Array, contact_nu_dot: Array
 ) -> None:
     """Stage 3, after the real step: the rest of the impulses, recovery.

@@ -5,16 +5,15 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from uwserver.physics.dynamics.foil import foil_force
+from uwserver.physics.dynamics.appendage_forces import foil_force, propeller_force
 from uwserver.physics.dynamics.fossen import find_water, gravity_over_surface
 from uwserver.physics.dynamics.immersion import depth_below, disc_fraction, immersion, upward
-from uwserver.physics.dynamics.propeller import propeller_force
 from uwserver.physics.dynamics.scratch import ACTUATED, CENTER, NU, NU_R, PASSIVE, STREAM, UP, WATER
 from uwserver.physics.dynamics.strips import along_hull, mount_velocity
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, inlined, separate
 from uwserver.physics.kernel.layout import Fitted, Model
-from uwserver.physics.kernel.rotation import rotation
+from uwserver.physics.kernel.linear import rotation
 
 
 @compiled

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from uwserver.physics.dynamics.appendage_params import appendage_rows, servo_rows
-from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import (
     BodyParams,
     ForceTable,
+    Lag,
     body_row,
     line_of,
     shape_rows,
@@ -19,9 +19,8 @@ from uwserver.physics.dynamics.params import (
     wrench_rows,
 )
 from uwserver.physics.dynamics.strip_params import strip_rows
-from uwserver.physics.kernel.arrays import IntArray, Records
+from uwserver.physics.kernel.arrays import IntArray, Records, joined
 from uwserver.physics.kernel.layout import WORLD
-from uwserver.physics.kernel.records import joined
 
 _SERVED = ("foils", "propellers", "weights", "derivatives")
 """What names rows of servos."""

@@ -31,7 +31,7 @@ from uwserver.physics.kernel.layout import (
     WAVY,
     WORLD,
 )  # fmt: skip
-from uwserver.physics.kernel.rotation import rotation
+from uwserver.physics.kernel.linear import rotation
 from uwserver.physics.kernel.sharing import share
 
 _sines_and_cosines, _exponentials = elementary.sines_and_cosines.made(), elementary.exponentials.made()

@@ -50,7 +50,7 @@ from uwserver.physics.kernel.layout import (
     STEADY,
     Model,
 )
-from uwserver.physics.kernel.rotation import rotation
+from uwserver.physics.kernel.linear import rotation
 
 
 @inlined

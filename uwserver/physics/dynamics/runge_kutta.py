@@ -12,18 +12,17 @@ from typing import Any
 
 import numpy as np
 
+from uwserver.physics.dynamics.appendage_forces import advance_servo
 from uwserver.physics.dynamics.appendages import appendages
 from uwserver.physics.dynamics.fossen import derivative
 from uwserver.physics.dynamics.immersion import depth_below, immersion, upward
 from uwserver.physics.dynamics.near_boundary import set_near_mass
 from uwserver.physics.dynamics.scratch import EXTERNAL, K1, K2, K3, K4, NU_R, STAGE, STATE, STREAM
-from uwserver.physics.dynamics.servo import advance_servo
 from uwserver.physics.dynamics.thruster import advance_lag, lagged
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, inlined
 from uwserver.physics.kernel.layout import FLOW_PLANE, FLOW_V, NEAR_NOTHING, STATE_SIZE, Model
-from uwserver.physics.kernel.linear import solve
-from uwserver.physics.kernel.rotation import rotation
+from uwserver.physics.kernel.linear import rotation, solve
 
 MAX_LEVEL = 4
 STABLE = 1.5

@@ -33,8 +33,7 @@ from uwserver.physics.geometry.slots import (
     SPHERE,
     Shapes,
 )
-from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray, Records
-from uwserver.physics.kernel.records import joined
+from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray, Records, joined
 
 _BOX_FACES = ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6))
 """Corners of a box, bit i of a number selecting the sign of axis i, counter-clockwise seen from outside."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from uwserver.physics.kernel.arrays import Array
+from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.kernel.layout import Forms, columns
+from uwserver.physics.kernel.linear import dot
 
 SPHERE, CAPSULE, CYLINDER, POLYHEDRON, HALF_SPACE, MESH = range(6)
 """Kinds of shapes; the first three are round about axis x."""
@@ -80,3 +83,112 @@ SHAPES: Forms = {
     "cell_start": columns(np.int64),
     "cell_triangles": columns(np.int64),
 }
+
+
+RING = 64
+"""Most corners of a face."""
+RIM = 16
+"""Corners that stand for the rim of a cylinder."""
+
+_END_ON = 0.7
+"""Cosine between axis and direction above which a cylinder or capsule shows its end, not its side."""
+
+
+@compiled
+def support_face(slot: Any, R: Array, d: Array, face_normals: Array, normal: Array) -> float:
+    """Cosine between d and the outward normal of the plane face that faces along it most, which `normal` (3) receives; -2 if round."""
+    if slot.kind == CYLINDER:
+        cosine = R[0, 0] * d[0] + R[1, 0] * d[1] + R[2, 0] * d[2]
+        for i in range(3):
+            normal[i] = R[i, 0] if cosine >= 0.0 else -R[i, 0]
+        return float(abs(cosine))
+    if slot.kind != POLYHEDRON:
+        return -2.0
+    best = _face_along(slot, R, d, face_normals)
+    for i in range(3):
+        normal[i] = dot(R[i], face_normals[best])
+    return dot(normal, d)
+
+
+@compiled
+def _face_along(slot: Any, R: Array, d: Array, face_normals: Array) -> int:
+    dx = R[0, 0] * d[0] + R[1, 0] * d[1] + R[2, 0] * d[2]
+    dy = R[0, 1] * d[0] + R[1, 1] * d[1] + R[2, 1] * d[2]
+    dz = R[0, 2] * d[0] + R[1, 2] * d[1] + R[2, 2] * d[2]
+    best, most = slot.face_first, -2.0
+    for f in range(slot.face_first, slot.face_first + slot.face_count):
+        cosine = face_normals[f, 0] * dx + face_normals[f, 1] * dy + face_normals[f, 2] * dz
+        if cosine > most + 1e-12:  # the first of equals, whatever the rounding
+            best, most = f, cosine
+    return int(best)
+
+
+@compiled
+def support_feature(shapes: Shapes, s: int, d: Array, ring: Array, codes: Array) -> int:
+    """The feature of the shape in a slot that faces along d: corners of a face (counter-clockwise from outside), ends of a line, or one point,
+    into `ring`.
+
+    `codes` receives a number of each corner that stays with it. Returns their count.
+    """
+    slot, P, R = shapes.slots[s], shapes.P[s], shapes.R[s]
+    if slot.kind == POLYHEDRON:
+        f, face_start = _face_along(slot, R, d, shapes.face_normals), shapes.face_start
+        count = min(face_start[f + 1] - face_start[f], RING)
+        for k in range(count):
+            v = shapes.face_vertices[face_start[f] + k]
+            codes[k] = v - slot.vertex_first
+            for i in range(3):
+                ring[k, i] = P[i] + dot(R[i], shapes.vertices[v])
+        return int(count)
+    cosine = R[0, 0] * d[0] + R[1, 0] * d[1] + R[2, 0] * d[2]
+    if slot.kind == CYLINDER and abs(cosine) > _END_ON:
+        return _rim(slot, P, R, d, cosine, ring, codes)
+    ends = slot.kind != SPHERE and abs(cosine) <= _END_ON
+    count = 2 if ends else 1
+    across = math.sqrt(max(1.0 - cosine * cosine, 1e-30))
+    for k in range(count):
+        along = 0.0 if slot.kind == SPHERE else slot.half_length
+        if (k == 1) if ends else (cosine < 0.0):
+            along = -along
+        codes[k] = k
+        for i in range(3):
+            # A capsule's end is a ball; a cylinder's side has its lowest line across the axis.
+            out = (d[i] - cosine * R[i, 0]) / across if slot.kind == CYLINDER else d[i]
+            ring[k, i] = P[i] + along * R[i, 0] + slot.radius * out
+    return count
+
+
+@compiled
+def _rim(slot: Any, P: Array, R: Array, d: Array, cosine: float, ring: Array, codes: Array) -> int:
+    """Corners on the rim of a cylinder's end, the first where it reaches farthest along d; on its own axis y where it lies flat."""
+    y = R[0, 1] * d[0] + R[1, 1] * d[1] + R[2, 1] * d[2]
+    z = R[0, 2] * d[0] + R[1, 2] * d[1] + R[2, 2] * d[2]
+    # Hysteresis is impossible in a pure function: below this tilt the rim is flat to 1e-3 of the radius.
+    first = math.atan2(z, y) if y * y + z * z > 1e-6 else 0.0
+    end = slot.half_length if cosine >= 0.0 else -slot.half_length
+    for k in range(RIM):
+        angle = first + (k if cosine >= 0.0 else -k) * 2.0 * math.pi / RIM
+        c, s = slot.radius * math.cos(angle), slot.radius * math.sin(angle)
+        codes[k] = k
+        for i in range(3):
+            ring[k, i] = P[i] + end * R[i, 0] + c * R[i, 1] + s * R[i, 2]
+    return RIM
+
+
+@compiled
+def support(slot: Any, P: Array, R: Array, d: Array, vertices: Array) -> float:
+    """Support function of a convex shape: the largest x . d over all its points x."""
+    base = P[0] * d[0] + P[1] * d[1] + P[2] * d[2]
+    cosine = R[0, 0] * d[0] + R[1, 0] * d[1] + R[2, 0] * d[2]
+    if slot.kind == SPHERE:
+        return float(base + slot.radius)
+    if slot.kind == CAPSULE:
+        return float(base + abs(cosine) * slot.half_length + slot.radius)
+    if slot.kind == CYLINDER:
+        return float(base + abs(cosine) * slot.half_length + slot.radius * math.sqrt(max(1.0 - cosine * cosine, 0.0)))
+    dy = R[0, 1] * d[0] + R[1, 1] * d[1] + R[2, 1] * d[2]
+    dz = R[0, 2] * d[0] + R[1, 2] * d[1] + R[2, 2] * d[2]
+    most = -1e300
+    for v in range(slot.vertex_first, slot.vertex_first + slot.vertex_count):
+        most = max(most, vertices[v, 0] * cosine + vertices[v, 1] * dy + vertices[v, 2] * dz)
+    return float(base + most)

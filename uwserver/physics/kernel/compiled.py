@@ -26,8 +26,8 @@ import numba
 from numba.core.codegen import get_host_cpu_features
 
 from uwserver.physics.kernel import plain, store
-from uwserver.physics.kernel.fingerprint import PHYSICS, kernel_name
 from uwserver.physics.kernel.plain import IS_PLAIN
+from uwserver.physics.kernel.store import PHYSICS, kernel_name
 
 if not IS_PLAIN:
     from uwserver.physics.kernel.numba_private.caches import EntryCache
@@ -40,7 +40,7 @@ ENTRY_KERNELS = {
         "integrator.advance", "integrator.rates_of_change", "carrying.carry_alone", "carrying.find_rates_alone", "sharing.serve", "sharing.stop",
     ),
     "fins": ("integrator.advance_fitted", "integrator.rates_of_change_fitted"),
-    "contact": ("step.strike", "step.settle"),
+    "contact": ("step.strike", "step.finish_contacts"),
     "fins in contact": ("step.strike_fitted",),
     "sea": ("flow.fill_flows", "flow.water_at"),
     "solids": (

@@ -11,7 +11,7 @@ from importlib import import_module
 from types import CellType, FunctionType
 from typing import Any, Literal
 
-from uwserver.physics.kernel.fingerprint import names_of
+from uwserver.physics.kernel.store import names_of
 
 Form = Literal["compiled", "inlined", "separate", "entry"]
 

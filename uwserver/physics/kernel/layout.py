@@ -317,7 +317,7 @@ class Codes(NamedTuple):
     advance: int
     rates: int
     strike: int
-    settle: int
+    finish_contacts: int
 
 
 def columns(dtype: type[np.generic], *shape: int) -> np.dtype[Any]:

@@ -16,13 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uwserver.physics.geometry.shapes import Solid, check_shape
-from uwserver.physics.geometry.tessellation import facets
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.layout import Q, addresses
 from uwserver.physics.kernel.straight import address_of, straight
 from uwserver.physics.rays import hits, meeting
 from uwserver.physics.rays.raycast import Hits
-from uwserver.physics.rays.rows import CARRIED, SIDE, Simple, middle, planes, sides
+from uwserver.physics.rays.rows import CARRIED, SIDE, Simple, facets, middle, planes, sides
 from uwserver.physics.rays.surfaces import Surface, Surfaces
 
 NOBODY = -1

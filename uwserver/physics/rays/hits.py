@@ -14,8 +14,7 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import arrays_at
 from uwserver.physics.kernel.layout import Forms, P, Q, columns
-from uwserver.physics.kernel.linear import dot
-from uwserver.physics.kernel.rotation import rotation
+from uwserver.physics.kernel.linear import dot, rotation
 from uwserver.physics.rays.raycast import Hits
 from uwserver.physics.rays.rows import CARRIED, PLANE, SIDE, Simple
 

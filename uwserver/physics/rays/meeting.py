@@ -10,7 +10,7 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import array_at, arrays_at, lay
 from uwserver.physics.kernel.layout import Forms, Q, columns
-from uwserver.physics.kernel.rotation import rotation
+from uwserver.physics.kernel.linear import rotation
 from uwserver.physics.rays.hits import SIMPLE, begin, bring, enters, met_side
 from uwserver.physics.rays.raycast import Hits
 from uwserver.physics.rays.rows import SIDE

@@ -7,9 +7,85 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uwserver.physics.geometry.shapes import HalfSpace, Solid
-from uwserver.physics.geometry.tessellation import Facets
-from uwserver.physics.kernel.arrays import FloatArray, Records
+from uwserver.physics.geometry.rows import polyhedron
+from uwserver.physics.geometry.shapes import (
+    Box,
+    Capsule,
+    ConvexHull,
+    Cylinder,
+    HalfSpace,
+    Placed,
+    Solid,
+    Sphere,
+    TriangleMesh,
+)
+from uwserver.physics.kernel.arrays import FloatArray, IntArray, Records
+
+AROUND = 64
+"""Facets around a round shape."""
+
+
+class Facets(NamedTuple):
+    """Triangles of a solid in its frame: corners (n, 3, 3), counter-clockwise from outside, and for each its material and sides.
+
+    `sided` (n): only the outside can be hit.
+    """
+
+    corners: FloatArray
+    material: IntArray
+    sided: IntArray
+
+
+def facets(solid: Solid) -> Facets:
+    """All shapes of a solid but half-spaces."""
+    corners, material, sided = [np.zeros((0, 3, 3))], [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    for placed in solid.shapes:
+        triangles = _triangles(placed)
+        n = len(triangles)
+        corners.append(triangles @ placed.R.T + np.array(placed.p))
+        material.append(np.full(n, solid.material if placed.material < 0 else placed.material))
+        oriented = placed.shape.oriented if isinstance(placed.shape, TriangleMesh) else True
+        sided.append(np.full(n, int(oriented)))
+    return Facets(np.concatenate(corners), np.concatenate(material), np.concatenate(sided))
+
+
+def _triangles(placed: Placed) -> FloatArray:
+    shape = placed.shape
+    if isinstance(shape, TriangleMesh):
+        return np.asarray(shape.vertices[shape.faces], dtype=np.float64)
+    if isinstance(shape, Box | ConvexHull):
+        solid = polyhedron(shape)
+        fans = [(face[0], face[k], face[k + 1]) for face in solid.faces for k in range(1, len(face) - 1)]
+        return np.asarray(solid.vertices[np.array(fans)])
+    if isinstance(shape, Cylinder):
+        length = shape.half_length
+        return _surface_of_revolution([(-length, 0.0), (-length, shape.radius), (length, shape.radius), (length, 0.0)])
+    if isinstance(shape, Sphere | Capsule):
+        length = shape.half_length if isinstance(shape, Capsule) else 0.0
+        angles = np.linspace(0.0, np.pi, AROUND // 2 + 1)
+        x, r = -shape.radius * np.cos(angles), shape.radius * np.sin(angles)
+        r[0] = r[-1] = 0.0
+        middle = AROUND // 4
+        below = [(float(x[k]) - length, float(r[k])) for k in range(middle + 1)]
+        above = [(float(x[k]) + length, float(r[k])) for k in range(middle, len(x))]
+        return _surface_of_revolution(below + (above if length else above[1:]))
+    return np.zeros((0, 3, 3))
+
+
+def _surface_of_revolution(profile: list[tuple[float, float]]) -> FloatArray:
+    """Triangles of the surface that points (x, radius), from -x to +x, sweep about axis x."""
+    angles = 2.0 * np.pi * np.arange(AROUND) / AROUND
+    y, z = np.cos(angles), np.sin(angles)
+    rings = [np.stack([np.full(AROUND, x), r * y, r * z], axis=1) for x, r in profile]
+    following = np.roll(np.arange(AROUND), -1)
+    triangles: list[FloatArray] = []
+    for (_, r0), (_, r1), lower, upper in zip(profile, profile[1:], rings, rings[1:], strict=False):
+        if r1 > 0.0:
+            triangles.append(np.stack([lower, upper[following], upper], axis=1))
+        if r0 > 0.0:
+            triangles.append(np.stack([lower, lower[following], upper[following]], axis=1))
+    return np.concatenate(triangles)
+
 
 PLANE = np.dtype([("point", "f8", 3), ("normal", "f8", 3), ("body", "i8"), ("material", "i8")])
 """A half-space: a point of its plane, the outward normal (N), the id of its solid and the number of its material."""

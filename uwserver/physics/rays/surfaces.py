@@ -12,15 +12,16 @@ from importlib.util import find_spec
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from embreex.mesh_construction import TriangleMesh as EmbreeMesh
+from embreex.rtcore_scene import EmbreeScene
 
 from uwserver.physics.geometry.shapes import HalfSpace, Solid, check_shape
-from uwserver.physics.geometry.tessellation import Facets, facets
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.layout import addresses
 from uwserver.physics.rays import hits
 from uwserver.physics.rays.meeting import SURFACE
 from uwserver.physics.rays.raycast import Hits
-from uwserver.physics.rays.rows import middle, sides
+from uwserver.physics.rays.rows import Facets, facets, middle, sides
 from uwserver.physics.rays.tree import grow
 
 FEW = 96
@@ -49,8 +50,6 @@ def has_embree() -> bool:
 def make_picker(corners: FloatArray, robust: bool = True) -> Picker:
     """The quickest picker that is installed, of triangles (t, 3, 3) about the origin; if it need not be `robust`, a ray may slip through an edge."""
     if has_embree():
-        from uwserver.physics.rays.embree import EmbreePicker
-
         return EmbreePicker(corners, robust)
     from uwserver.physics.rays.tree import TreePicker
 
@@ -172,3 +171,18 @@ def _by_origin(solids: Mapping[int, Solid]) -> dict[tuple[float, ...], dict[int,
             about = tuple((LATTICE_M * np.round(centre / LATTICE_M)).tolist())
             found.setdefault(about, {})[body] = solid
     return found
+
+
+class EmbreePicker:
+    """A `surfaces.Picker`. One that is not `robust` is a fifth quicker, and a ray may slip through between two triangles: for pictures."""
+
+    def __init__(self, corners: FloatArray, robust: bool = True) -> None:
+        n = len(corners)
+        self._scene = EmbreeScene(robust=robust)
+        flat = corners.reshape(-1, 3).astype(np.float32)
+        self._mesh = EmbreeMesh(self._scene, flat, np.arange(3 * n, dtype=np.int32).reshape(-1, 3))
+
+    def pick(self, origin: FloatArray, direction: FloatArray, limit: FloatArray | None = None) -> IntArray:
+        """As `surfaces.Picker`."""
+        picked: IntArray = self._scene.run(origin, direction, limit)
+        return picked

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from functools import cache, partial
 
+from uwserver.environment.acoustics.boundaries import lambert, sediments
 from uwserver.environment.earth import NO_FIELD, Earth
-from uwserver.environment.materials import lambert, sediments
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.appendage_params import Appendages
 from uwserver.scenario.build.members import build_scene, physics_rate, stream_of

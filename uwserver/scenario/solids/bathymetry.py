@@ -18,7 +18,7 @@ from typing import IO, Any, NamedTuple, cast
 import numpy as np
 from msgspec import UNSET
 
-from uwserver.environment.geodesy import north_east
+from uwserver.environment.earth import north_east
 from uwserver.physics.geometry.shapes import TILE_TRIANGLES, BadSolid, TriangleMesh
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.scenario.files.documents import is_plain, opened, why_not

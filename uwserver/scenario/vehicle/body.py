@@ -12,11 +12,11 @@ from msgspec import UNSET, UnsetType, msgpack, structs
 
 from uwserver.actuators import ActuatorConfig, Body
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.physics.dynamics.lag import Lag
 from uwserver.physics.dynamics.params import (
     BodyParams,
     BuoyancyShape,
     ForceTable,
+    Lag,
     NearBoundary,
     ThrusterParams,
     rigid_body_inertia,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from datetime import datetime, timedelta, timezone
 
-from uwserver.environment.geodesy import latitude_longitude
+from uwserver.environment.earth import latitude_longitude
 from uwserver.frames import Vec3
 from uwserver.units import NANOSECONDS, deg
 

@@ -9,8 +9,7 @@ from msgspec import UnsetType
 
 from uwserver.environment.column import WaterColumn
 from uwserver.environment.currents import Drift, Drifting, ProfileConfig, UniformConfig, flow_of, profile_rows
-from uwserver.environment.sea import Sea
-from uwserver.environment.water import Water
+from uwserver.environment.water import Sea, Water
 from uwserver.environment.waves import wave_rows
 from uwserver.physics.kernel.layout import PROFILE_SIZE, WAVE_SIZE, SeaRows
 from uwserver.scenario.world.tables import Environment

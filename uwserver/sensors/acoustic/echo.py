@@ -6,7 +6,7 @@ from typing import Any
 
 from msgspec import UnsetType
 
-from uwserver.environment.materials import SEDIMENT_DB
+from uwserver.environment.acoustics.boundaries import SEDIMENT_DB
 from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled

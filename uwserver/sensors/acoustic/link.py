@@ -8,9 +8,8 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import Meta
 
-from uwserver.environment.acoustics.boundaries import Boundaries
+from uwserver.environment.acoustics.boundaries import SEDIMENTS, Boundaries
 from uwserver.environment.acoustics.channel import Path, channel_of, first, load_kernels, strongest
-from uwserver.environment.materials import SEDIMENTS
 from uwserver.frames import Vec3
 from uwserver.sensors.base import Scope, SensorTable
 from uwserver.table import Positive

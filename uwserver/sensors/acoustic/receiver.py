@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from uwserver.environment.materials import SURFACE_DB
+from uwserver.environment.acoustics.boundaries import SURFACE_DB
 from uwserver.frames import Vec3
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.rays.raycast import NOTHING, SURFACE, Geometry, Hits

@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 from ray_rig import duct, thermocline
 
-from uwserver.environment.acoustics.boundaries import Boundaries
+from uwserver.environment.acoustics.boundaries import SEDIMENTS, Boundaries
 from uwserver.environment.acoustics.channel import Channel
-from uwserver.environment.materials import SEDIMENTS
 
 BELLHOP = os.environ.get("UWSERVER_BELLHOP") or shutil.which("bellhop.exe")
 DEPTH, FREQUENCY, SAND = 150.0, 10e3, SEDIMENTS["sand"]

@@ -6,8 +6,7 @@ import math
 
 import pytest
 
-from uwserver.environment.acoustics.boundaries import bottom_loss, surface_loss
-from uwserver.environment.materials import SEDIMENTS, Sediment, sediments
+from uwserver.environment.acoustics.boundaries import SEDIMENTS, Sediment, bottom_loss, sediments, surface_loss
 
 
 def test_normal_incidence_compares_impedances():

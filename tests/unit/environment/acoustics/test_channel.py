@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from ray_rig import channel, shoot, thermocline
 
-from uwserver.environment.acoustics.boundaries import Boundaries, bottom_loss
+from uwserver.environment.acoustics.boundaries import SEDIMENTS, Boundaries, bottom_loss
 from uwserver.environment.acoustics.channel import Channel, channel_of, first, strongest
 from uwserver.environment.column import ThermoclineColumn, WaterColumn
-from uwserver.environment.materials import SEDIMENTS
 
 COLUMN = WaterColumn(
     ThermoclineColumn(surface_temperature_degc=18.0, deep_temperature_degc=6.0, depth_m=40.0, thickness_m=20.0),

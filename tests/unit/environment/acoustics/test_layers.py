@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from ray_rig import thermocline
 
-from uwserver.environment.acoustics.layers import advance_slope, leg, medium, widening
+from uwserver.environment.acoustics.layers import advance_slope, leg, medium, thin_out, widening
 
 DEPTH = np.array([0.0, 40.0, 100.0, 300.0])
 SPEED = np.array([1490.0, 1500.0, 1480.0, 1510.0])
@@ -73,3 +74,12 @@ def test_a_bend_of_the_profile_does_not_tear_the_tube():
             worst[careful] = max(worst[careful], abs(found / exact - 1.0))
     assert worst[True] < 0.02
     assert worst[False] > 0.5
+
+
+def test_thinning_keeps_what_bends():
+    grid = np.arange(0.0, 1000.0, 0.5)
+    speed = thermocline(grid)[0]
+    kept = thin_out(grid, speed, 1e-3)
+    assert np.abs(np.interp(grid, grid[kept], speed[kept]) - speed).max() <= 1e-3
+    assert 20 < len(kept) < 300
+    assert list(thin_out(grid, 1500.0 + 0.016 * grid, 1e-3)) == [0, len(grid) - 1]

@@ -22,9 +22,9 @@ from uwserver.physics.collision.broad_phase import (
 from uwserver.physics.geometry.rows import part, shapes_of
 from uwserver.physics.geometry.shapes import Box, Capsule, HalfSpace, Placed, Shape, Solid, Sphere
 from uwserver.physics.geometry.slots import Shapes
-from uwserver.physics.geometry.tessellation import facets
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import addresses
+from uwserver.physics.rays.rows import facets
 
 DT, MARGIN = 0.02, 0.005
 Bodies = list[tuple[Placed, ...]]

@@ -12,8 +12,7 @@ from uwserver.physics.collision.closest import shape_distance
 from uwserver.physics.collision.cores import FAR, Cores, core_radius, new_cores
 from uwserver.physics.geometry.rows import part, shapes_of
 from uwserver.physics.geometry.shapes import Box, Capsule, ConvexHull, Cylinder, Placed, Shape, Sphere
-from uwserver.physics.geometry.slots import Shapes
-from uwserver.physics.geometry.support import support
+from uwserver.physics.geometry.slots import Shapes, support
 from uwserver.physics.kernel.arrays import FloatArray
 
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)

@@ -28,8 +28,7 @@ from uwserver.physics.geometry.shapes import (
     Sphere,
     TriangleMesh,
 )
-from uwserver.physics.geometry.slots import Shapes
-from uwserver.physics.geometry.support import support
+from uwserver.physics.geometry.slots import Shapes, support
 from uwserver.physics.kernel.arrays import FloatArray
 
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)

@@ -6,7 +6,7 @@ import numpy as np
 
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.collision.contacts import Contacts
-from uwserver.physics.contact.step import settle, strike
+from uwserver.physics.contact.step import finish_contacts, strike
 from uwserver.physics.contact.touching import FOUND, KEPT
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.kernel.arrays import FloatArray
@@ -61,7 +61,7 @@ def test_it_is_the_three_stages_in_their_order_to_the_last_bit() -> None:
     struck = strike(table, contacts, *NONE, 0.0, DT)
     assert other.advance(0.0) == -1
     impulse, hold, nu_dot = np.empty((2, 3)), np.empty((2, 3)), np.empty((2, 6))
-    settle(table, struck, contacts, DT, impulse, hold, nu_dot)
+    finish_contacts(table, struck, contacts, DT, impulse, hold, nu_dot)
     np.testing.assert_array_equal(one.state, other.state)
     np.testing.assert_array_equal(one.contact_nu_dot, nu_dot)
     np.testing.assert_array_equal(one.touched.impulse, impulse)

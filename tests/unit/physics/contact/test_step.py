@@ -16,10 +16,9 @@ from uwserver.frames import matrix, quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.collision.contacts import Contacts
 from uwserver.physics.contact.recovery import MAX_RECOVERY, RECOVERY, SLOP
-from uwserver.physics.contact.step import BOUNCE_SPEED, settle, strike
+from uwserver.physics.contact.step import BOUNCE_SPEED, finish_contacts, strike
 from uwserver.physics.dynamics.appendage_params import Appendages, HullParams, ServoParams
-from uwserver.physics.dynamics.lag import Lag
-from uwserver.physics.dynamics.params import BodyParams, ForceTable, ThrusterParams
+from uwserver.physics.dynamics.params import BodyParams, ForceTable, Lag, ThrusterParams
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, WORLD, Q, addresses
 
@@ -64,7 +63,7 @@ def tick(hydro: Hydrodynamics, contacts: Contacts, old: Any = NONE) -> tuple[Flo
     hydro.collider = None
     assert hydro.advance(0.0) < 0
     impulse, hold, nu_dot = *np.empty((2, len(contacts.gap), 3)), np.full((len(hydro), 6), np.nan)
-    settle(table, struck, contacts, DT, impulse, hold, nu_dot)
+    finish_contacts(table, struck, contacts, DT, impulse, hold, nu_dot)
     assert not (np.abs(hold) > np.abs(impulse) + 1e-12).any()
     return impulse, nu_dot
 
@@ -230,7 +229,7 @@ def test_a_hit_acts_at_the_start_and_what_holds_over_the_tick() -> None:
     assert struck.hold[0, 0] == pytest.approx(20.0 * DT, rel=1e-9)
     hydro.advance(0.0)
     impulse, hold = np.empty((2, 1, 3))
-    settle(table, struck, contacts, DT, impulse, hold, np.empty((1, 6)))
+    finish_contacts(table, struck, contacts, DT, impulse, hold, np.empty((1, 6)))
     np.testing.assert_allclose(hold, [[0.0, 0.0, -20.0 * DT]], rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(impulse, [[0.0, 0.0, -20.0 * DT - 6.4]], rtol=0.0, atol=1e-9)
 

@@ -12,6 +12,7 @@ import pytest
 
 from uwserver.frames import matrix, quat_from_rpy
 from uwserver.physics.bodies import Hydrodynamics
+from uwserver.physics.dynamics.appendage_forces import foil_force, propeller_force
 from uwserver.physics.dynamics.appendage_params import (
     Appendages,
     DerivativeParams,
@@ -22,9 +23,7 @@ from uwserver.physics.dynamics.appendage_params import (
     WeightParams,
 )
 from uwserver.physics.dynamics.appendages import appendages
-from uwserver.physics.dynamics.foil import foil_force
 from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape
-from uwserver.physics.dynamics.propeller import propeller_force
 from uwserver.physics.dynamics.scratch import ACTUATED, PASSIVE, STATE
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import SHAPE_SPHERE, Fitted, Model

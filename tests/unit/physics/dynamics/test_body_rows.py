@@ -15,8 +15,7 @@ from uwserver.physics.dynamics.appendage_params import (
     appendage_rows,
 )
 from uwserver.physics.dynamics.body_rows import BodyRows, appended, rows_of, table_numbers
-from uwserver.physics.dynamics.lag import Lag
-from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, thruster_row
+from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, Lag, ThrusterParams, thruster_row
 from uwserver.physics.kernel.layout import SHAPE_BOX, WORLD
 
 ZERO = np.zeros((6, 6))

@@ -12,8 +12,7 @@ from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics import integrator
 from uwserver.physics.dynamics.appendage_params import Appendages, FoilParams, HullParams, ServoParams
 from uwserver.physics.dynamics.integrator import keep_state
-from uwserver.physics.dynamics.lag import Lag
-from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, ThrusterParams, damping_rates
+from uwserver.physics.dynamics.params import BodyParams, BuoyancyShape, ForceTable, Lag, ThrusterParams, damping_rates
 from uwserver.physics.dynamics.runge_kutta import MAX_LEVEL, STABLE
 from uwserver.physics.dynamics.scratch import ACTUATED, PASSIVE, STATE
 from uwserver.physics.kernel.arrays import FloatArray

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uwserver.physics.dynamics.lag import Lag
-from uwserver.physics.dynamics.params import ForceTable, ThrusterParams, lag_row, table_row, thruster_row
+from uwserver.physics.dynamics.params import ForceTable, Lag, ThrusterParams, lag_row, table_row, thruster_row
 from uwserver.physics.dynamics.scratch import EXTRA, NU_R, UP
 from uwserver.physics.dynamics.thruster import (
     MOST_INFLOW,

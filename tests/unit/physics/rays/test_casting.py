@@ -20,9 +20,9 @@ from uwserver.physics.geometry.shapes import (
     Sphere,
     TriangleMesh,
 )
-from uwserver.physics.geometry.tessellation import facets
 from uwserver.physics.rays import surfaces
 from uwserver.physics.rays.casting import Rays
+from uwserver.physics.rays.rows import facets
 from uwserver.physics.rays.surfaces import make_picker
 from uwserver.testing.fake_geometry import FakeGeometry, Plane
 

@@ -10,12 +10,11 @@ import pytest
 
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.geometry.shapes import Box, HalfSpace, Placed, Solid, Sphere, TriangleMesh
-from uwserver.physics.geometry.tessellation import facets
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import addresses
 from uwserver.physics.rays.hits import BATCH, SIMPLE, Batch, intersect_level, intersect_simple, refine, select_rays
 from uwserver.physics.rays.raycast import SURFACE, Hits, no_hits
-from uwserver.physics.rays.rows import CARRIED, SIDE, Simple, middle, planes, sides
+from uwserver.physics.rays.rows import CARRIED, SIDE, Simple, facets, middle, planes, sides
 
 RNG = np.random.default_rng(31)
 

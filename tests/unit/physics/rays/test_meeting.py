@@ -7,12 +7,12 @@ import pytest
 
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.geometry.shapes import Box, HalfSpace, Placed, Solid, Sphere, TriangleMesh
-from uwserver.physics.geometry.tessellation import facets
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.rays import surfaces
 from uwserver.physics.rays.casting import Rays
 from uwserver.physics.rays.meeting import meet
 from uwserver.physics.rays.raycast import Hits, no_hits
+from uwserver.physics.rays.rows import facets
 
 NOBODYS: IntArray = np.zeros(0, np.int64)
 STATE = np.array([[2.0, -1.0, 3.0, *quat_from_rpy(0.3, -0.2, 1.0), *[0.0] * 6], [0.0, 0.0, 1.0, 1.0, *[0.0] * 9]])

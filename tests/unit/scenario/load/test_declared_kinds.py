@@ -13,7 +13,7 @@ from uwserver_adapters.ros.messages.ros_port import Facts
 from uwserver_adapters.ros.messages.types import Types
 
 from uwserver.adapter import installed_adapters
-from uwserver.physics.kernel.fingerprint import kernel_name
+from uwserver.physics.kernel.store import kernel_name
 from uwserver.ports.messages import STANDARD
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.errors import ScenarioError

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from uwserver.environment.geodesy import north_east
+from uwserver.environment.earth import north_east
 from uwserver.physics.collision import engine
 from uwserver.physics.collision.solids import Solids
 from uwserver.physics.geometry.shapes import (

@@ -14,8 +14,8 @@ import pytest
 
 import uwserver
 from uwserver.adapter import installed_adapters
+from uwserver.environment.acoustics.boundaries import LAMBERT_DB
 from uwserver.environment.light import WATER_TYPES
-from uwserver.environment.materials import LAMBERT_DB
 from uwserver.ports import SceneView
 from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder

@@ -8,7 +8,7 @@ from datetime import datetime, timezone
 import numpy as np
 import pytest
 
-from uwserver.environment.geodesy import latitude_longitude
+from uwserver.environment.earth import latitude_longitude
 from uwserver.scenario.world.earth import WMM_YEARS, instant, magnetic_about, nanoseconds, year_of
 from uwserver.units import deg, rad
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from uwserver.environment.materials import lambert
+from uwserver.environment.acoustics.boundaries import lambert
 from uwserver.frames import quat_from_rpy
 from uwserver.sensors import AltimeterConfig, Pose
 from uwserver.sensors.acoustic.altimeter import AltimeterMemory

@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from sensor_rig import CUBE, ELEVATION, RANGE, TIME, answers, layered
 
-from uwserver.environment.acoustics.boundaries import Boundaries
+from uwserver.environment.acoustics.boundaries import SEDIMENTS, Boundaries
 from uwserver.environment.acoustics.channel import channel_of
 from uwserver.environment.column import TableColumn, ThermoclineColumn, WaterColumn
-from uwserver.environment.materials import SEDIMENTS
-from uwserver.environment.sea import Sea
-from uwserver.environment.water import Water
+from uwserver.environment.water import Sea, Water
 from uwserver.physics.kernel.layout import PROFILE_SIZE, WAVE_AMPLITUDE, WAVE_SIZE, SeaRows
 from uwserver.sensors import LblConfig, UsblConfig
 from uwserver.sensors.acoustic.link import Link, boundaries

@@ -15,8 +15,8 @@ from sensor_rig import (
     started,
 )
 
-from uwserver.environment.geodesy import north_east
-from uwserver.environment.sea import Sea
+from uwserver.environment.earth import north_east
+from uwserver.environment.water import Sea
 from uwserver.frames import rotate
 from uwserver.physics.kernel.layout import (
     PROFILE_SIZE,

@@ -11,8 +11,14 @@ from scipy.spatial.transform import Rotation
 from sensor_rig import started
 
 import uwserver
-from uwserver.environment.earth import EARTH_RATE, GRAVITY_GROWTH, Earth, normal_gravity
-from uwserver.environment.geodesy import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS
+from uwserver.environment.earth import (
+    EARTH_RATE,
+    ECCENTRICITY_SQUARED,
+    GRAVITY_GROWTH,
+    SEMI_MAJOR_AXIS,
+    Earth,
+    normal_gravity,
+)
 from uwserver.frames import quat_from_rpy
 from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.files.errors import ScenarioError

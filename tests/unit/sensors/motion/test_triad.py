@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from uwserver.environment.water import Water
-from uwserver.physics.kernel.pool import Pool
+from uwserver.physics.kernel.arrays import Pool
 from uwserver.physics.kernel.random import key_of
 from uwserver.scenario.files.documents import shipped
 from uwserver.scenario.vehicle.devices import check_profile

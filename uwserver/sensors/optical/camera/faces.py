@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uwserver.physics.geometry.shapes import HalfSpace, Solid
-from uwserver.physics.geometry.tessellation import facets
 from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray
 from uwserver.physics.kernel.deferred import entry
+from uwserver.physics.rays.rows import facets
 from uwserver.units import rad
 
 Colour = tuple[float, float, float]

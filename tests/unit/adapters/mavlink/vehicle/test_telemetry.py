@@ -80,7 +80,7 @@ def test_places_there_and_back(lat, lon):
 
 
 def test_the_place_is_that_of_the_world(bench):
-    from uwserver.environment.geodesy import latitude_longitude
+    from uwserver.environment.earth import latitude_longitude
 
     origin = bench.vehicle.bridge.home.origin
     there = latitude_longitude(5000.0, -3000.0, origin.latitude, origin.longitude)

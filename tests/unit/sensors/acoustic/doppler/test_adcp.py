@@ -15,8 +15,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from uwserver.environment.currents import ProfileConfig, profile_rows
-from uwserver.environment.sea import Sea
-from uwserver.environment.water import Water
+from uwserver.environment.water import Sea, Water
 from uwserver.frames import quat_from_rpy
 from uwserver.physics.kernel.layout import (
     PROFILE_SIZE,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from uwserver.environment.materials import lambert
+from uwserver.environment.acoustics.boundaries import lambert
 from uwserver.frames import quat_from_rpy, rotate
 from uwserver.ports import Refused
 from uwserver.sensors import DvlConfig, Pose

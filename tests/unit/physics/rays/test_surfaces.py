@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("embreex")
 
-from uwserver.physics.rays.embree import EmbreePicker
+from uwserver.physics.rays.surfaces import EmbreePicker
 from uwserver.physics.rays.tree import TreePicker
 
 
