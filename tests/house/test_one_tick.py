@@ -111,7 +111,9 @@ def test_a_call_past_it_is_found() -> None:
     text = "from uwserver.physics.dynamics import integrator\ndef more(world):\n    for k in range(9):\n        integrator.advance(world, 0.0, 0.1)\n"
     assert list(by_name([module_of("uwserver.copies.loops", text)])) == [("advance", "uwserver.copies.loops.more")]
     text = "from uwserver.physics.kernel.calling import call\ndef more(codes):\n    call(codes.finish_contacts, ())\n"
-    assert list(by_address([module_of("uwserver.copies.loops", text)])) == [("finish_contacts", "uwserver.copies.loops.more")]
+    assert list(by_address([module_of("uwserver.copies.loops", text)])) == [
+        ("finish_contacts", "uwserver.copies.loops.more")
+    ]
 
 
 def test_ticks_are_made_by_the_step_alone() -> None:

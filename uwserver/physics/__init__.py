@@ -1,5 +1,5 @@
-"""The physics: arrays and kernels, which know no component."""
+"""The physics of bodies in water, as arrays and compiled kernels. It knows no component of a vehicle."""
 
 PHYSICS = 10
-"""Version of the equations and of their arrays: one more when the same state and commands give other bits. Recordings and saved states
-hold it, and those of another version are refused."""
+"""The version of the equations and their arrays. Increase it by one if the same state and commands give other bits. Recordings and saved states hold
+it; those of another version are refused."""

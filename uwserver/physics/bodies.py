@@ -1,4 +1,4 @@
-"""All submerged bodies of a world: their arrays, and the calls into the compiled kernel."""
+"""All submerged bodies of a world: their arrays, and the calls into the compiled kernels."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from uwserver.physics.saved_rows import check_rows
 _RUNNING = ("state", "bodies", "thrusters", "wrenches", "servos", "contact_nu_dot")
 """Arrays that change in a run."""
 Saved = dict[str, bytes]
-"""All that changes in a run, by the name of the array, and of the contacts' arrays."""
+"""All arrays that change in a run, by name, including those of the contacts."""
 
 
 class Hydrodynamics:
-    """State and parameters of all bodies, one row each. Not thread-safe: owned by the simulation thread.
+    """The state and parameters of all bodies, one row each. It is not thread-safe: the simulation thread owns it.
 
     Attributes:
         state: (n, 13) p_NB (m), q_NB (w x y z), nu (m/s, rad/s).
-        flows: (n, FLOW_SIZE) the water at each body (`layout`), filled before each use where there is a sea.
-        floor: depth of the level bottom for bodies that are added from now on, m; inf for none.
-        params: of each body, as added; `change` does not touch them.
-        thrusters, wrenches, servos: (m) rows of the commanded propulsors, prescribed wrenches, and of what moves fins, shafts and ballast
+        flows: (n, FLOW_SIZE) the water at each body (`layout`); filled before each use if there is a sea.
+        floor: depth of the level bottom, m, for bodies that are added from now on; inf for none.
+        params: parameters of each body as it was added; `change` does not alter them.
+        thrusters, wrenches, servos: (m) rows of the thrusters, of the prescribed wrenches, and of the servos of fins, shafts and ballast
             (`layout`).
-        collider: finds contacts; None in open water.
-        touching: contacts, of the last tick and for the coming one; `touched` tells of the last one, with their impulses.
+        collider: finds the contacts; None in open water.
+        touching: the contacts of the last tick and of the coming one; `touched` returns those of the last one with their impulses.
         contact_nu_dot: (n, 6) mean acceleration by contacts in the last tick, in B.
         forces, values, scratch: work space of the kernels.
-        team: threads that share their loops (`set_team`).
-        table: the addresses of all these, for the kernels.
+        team: the threads that share the loops of the kernels (`set_team`).
+        table: addresses of all these arrays, for the kernels.
     """
 
     table: IntArray
@@ -83,7 +83,7 @@ class Hydrodynamics:
         return len(self.params)
 
     def add(self, body: BodyParams) -> int:
-        """Append a body at rest at the origin; the rows of the others stay as they are. Returns its row."""
+        """Append a body at rest at the origin and return its row. The rows of the other bodies stay as they are."""
         self._append((body,))
         return len(self.params) - 1
 
@@ -107,7 +107,7 @@ class Hydrodynamics:
         self._gather()
 
     def change(self, row: int, body: BodyParams) -> None:
-        """Give a body other masses, damping, weight and buoyancy, from now on; its thrusters, appendages and shapes stay."""
+        """Give a body other masses, damping, weight and buoyancy from now on. Its thrusters, appendages and shapes stay."""
         self._set_body(row, body_row(body))
 
     def _set_body(self, row: int, new: Records) -> None:
@@ -117,7 +117,7 @@ class Hydrodynamics:
         self.bodies[row] = new[0]
 
     def retire(self, row: int) -> None:
-        """Take a body out. Its rows stay, at rest, so that those of the others keep their places, until `revive` uses them again."""
+        """Take a body out of the world. Its rows stay, at rest, so that the other bodies keep their rows, until `revive` uses them again."""
         self.bodies["retired"][row] = 1
         self.state[row] = 0.0
         self.state[row, layout.Q] = 1.0
@@ -126,9 +126,9 @@ class Hydrodynamics:
         self._forget_contacts(row)
 
     def revive(self, row: int) -> None:
-        """Have a body in the rows of one that was taken out: made of the same, and as if it were added now.
+        """Put a new body, made of the same parts, into the rows of one that was taken out, as if it were added now.
 
-        What changes are new arrays, as when a body is added, so that `go_back` undoes it.
+        All that changes gets new arrays, as when a body is added, so that `go_back` can undo it.
         """
         fresh = self._rows_of(self.params[row], self._wave_number)
         for name in _RUNNING:
@@ -148,28 +148,29 @@ class Hydrodynamics:
         self._gather()
 
     def set_bodies(self, params: Sequence[BodyParams]) -> None:
-        """Have these bodies and no others, in this order, at rest at the origin. The rows are as if they had been added one by one."""
+        """Replace all bodies by these, in this order, at rest at the origin. The rows are the same as if the bodies were added one by one."""
         self._clear()
         self._append(params)
 
     def arrays(self) -> dict[str, Any]:
-        """All rows as they are, for `go_back`: adding bodies makes new arrays, and leaves these alone."""
+        """Return all rows as they are, for `go_back`. Adding bodies makes new arrays and leaves these unchanged."""
         rows = ((name, value) for name, value in self.__dict__.items() if name not in ("collider", "_sea"))
         return {name: dict(value) if isinstance(value, dict) else value for name, value in rows}
 
     def go_back(self, arrays: dict[str, Any]) -> None:
-        """Undo what was added since."""
+        """Undo all that was added since `arrays` returned these."""
         self.__dict__.update(arrays)
 
     def save(self) -> Saved:
-        """Copies of all arrays that change in a run. The water at the bodies is not among them."""
+        """Return copies of all arrays that change in a run. The water at the bodies is not one of them."""
         return {name: array.tobytes() for name, array in self._running()}
 
     def check(self, saved: Saved) -> None:
-        """Refuse arrays from outside that cannot be those of these bodies.
+        """Refuse saved arrays from outside that cannot belong to these bodies.
 
         Raises:
-            ValueError: of other names or lengths, not finite where they must be, a quaternion that is no rotation, or other rows.
+            ValueError: other names or lengths, a number that must be finite and is not, a quaternion that is no rotation, or rows of other
+                bodies.
         """
         running = dict(self._running())
         if saved.keys() != running.keys():
@@ -182,7 +183,7 @@ class Hydrodynamics:
                 raise ValueError(f'{len(saved[name])} bytes of "{name}", not {size}')
             check_rows(name, np.frombuffer(saved[name], array.dtype), array)
         q = np.frombuffer(saved["state"]).reshape(-1, layout.STATE_SIZE)[:, layout.Q : layout.Q + 4]
-        # Bounded first, as the square of a number that is no part of a rotation may be too large to be one.
+        # The bound comes first, as the square of a huge number would overflow.
         if (np.abs(q) > 2.0).any() or (np.abs(np.linalg.norm(q, axis=1) - 1.0) > 1e-6).any():
             raise ValueError("a quaternion that is no rotation")
         for name in ("body_a", "body_b"):
@@ -192,7 +193,7 @@ class Hydrodynamics:
 
     @staticmethod
     def check_sizes(saved: Saved, bodies: Sequence[BodyParams]) -> None:
-        """Refuse arrays that are no rows of these bodies, before anybody makes them.
+        """Refuse saved arrays with another number of rows than these bodies have, before any body is made.
 
         Raises:
             ValueError: another number of rows.
@@ -207,9 +208,9 @@ class Hydrodynamics:
                 raise ValueError(f'"{name}" has not {count} rows')
 
     def load(self, saved: Saved) -> None:
-        """Put all arrays back, bit for bit; they are of these bodies (`check`)."""
+        """Put all saved arrays back, bit for bit. `check` must have accepted them."""
         for name in _RUNNING:
-            # As plain bytes: records are copied field by field.
+            # Copied as plain bytes, because numpy copies records field by field.
             getattr(self, name).reshape(-1).view(np.uint8)[:] = np.frombuffer(saved[name], np.uint8)
         found = {
             name: np.frombuffer(saved[name], array.dtype).reshape(-1, *array.shape[1:]).copy()
@@ -227,25 +228,25 @@ class Hydrodynamics:
         yield from zip(_IMPULSES, self.touched[1:], strict=True)
 
     def _forget_contacts(self, row: int) -> None:
-        """New arrays, so that `go_back` undoes it."""
+        """Drop the contacts of a body. This makes new arrays, so that `go_back` can undo it."""
         self.touching = self.touching.without(row)
         if not self.touching.is_kept:
             self.contact_nu_dot = np.zeros_like(self.contact_nu_dot)
 
     def set_team(self, team: IntArray, threads: int) -> None:
-        """Let so many threads share the loops over bodies; `team`: the numbers of a `Team`."""
+        """Let several threads share the loops over bodies; `team` is the array of numbers of a `Team`."""
         self.team, self._threads, self.scratch = team, threads, np.zeros(threads, layout.SCRATCH)
         self._gather()
 
     def move(self, place: Callable[[Any], Any]) -> None:
-        """Have all that a tick writes lie elsewhere: `place` gives a copy of an array in other memory."""
+        """Move all arrays that a tick writes to other memory; `place` returns a copy of an array there."""
         for name in (*_RUNNING, "flows", "forces", "values"):
             setattr(self, name, place(getattr(self, name)))
         self._tabulate()
         self.table = place(self.table)
 
     def _gather(self) -> None:
-        """The table by which kernels find all rows of the world; the arrays change only when a body is added."""
+        """Make the work arrays, and the table by which kernels find all rows. The arrays change only if a body is added."""
         self.forces, self.values = np.zeros((len(self.thrusters), 3)), np.zeros((len(self.servos), 3))
         self._tabulate()
 
@@ -255,7 +256,7 @@ class Hydrodynamics:
 
     @property
     def sea(self) -> layout.SeaRows | None:
-        """Water that moves otherwise than uniformly and steadily; None for none. Its waves decide how many strips long hulls have."""
+        """Water that moves otherwise than uniformly and steadily; None for none. Its shortest wave decides the number of strips of long hulls."""
         return self._sea
 
     @sea.setter
@@ -271,15 +272,15 @@ class Hydrodynamics:
 
     @property
     def currents(self) -> FloatArray:
-        """View (n, 3) of the water velocity at each body in N, m/s; with a sea, of the instant for which it was needed last."""
+        """View (n, 3) of the water velocity at each body in N, m/s. With a sea it holds for the instant for which the water was last found."""
         return self.flows[:, layout.FLOW_V : layout.FLOW_V + 3]
 
     @property
     def external(self) -> FloatArray:
         """View (n, 6) of the external wrench on each body in the coming tick: force (N) and moment about the body origin (N m), in B.
 
-        Whoever acts on bodies from outside adds to it before the bodies move: ``hydro.external[row] += wrench``. It is constant within the tick,
-        acts in free motion and in contact, and is zero again after it; `rates_of_change` shows it until the end of the next tick.
+        To act on a body from outside, add to it before the bodies move: ``hydro.external[row] += wrench``. It is constant within the tick, acts in
+        free motion and in contact, and is zero again afterwards; `rates_of_change` includes it until the end of the next tick.
         """
         external: FloatArray = self.bodies["external"]
         return external
@@ -291,18 +292,18 @@ class Hydrodynamics:
 
     @property
     def touched(self) -> Impulses:
-        """Contacts of the last tick and their impulses: views, which hold until the next."""
+        """The contacts of the last tick and their impulses: views that are valid until the next tick."""
         return self.touching.kept
 
     def find_contacts(self) -> None:
-        """Ask the collider what may touch in the coming tick."""
+        """Find with the collider all contacts that are closed or may close in the coming tick."""
         assert self.collider is not None
         contacts = self.collider.find_contacts(self.state, self.dt)
         self.touching = self.touching.with_room(len(contacts.gap))
         self.touching.find(contacts)
 
     def advance(self, t: float) -> int:
-        """Carry all bodies from t to t + dt (s). Returns -1, or the row of the first body whose state is not finite."""
+        """Move all bodies from t to t + dt (s). Return -1, or the row of the first body whose state is not finite."""
         if self._sea is not None:
             self.fill_flows(t, 0.5 * self.dt)
         if self.collider is not None:
@@ -314,45 +315,45 @@ class Hydrodynamics:
         return lost
 
     def _given(self) -> tuple[layout.Codes, IntArray, IntArray, FloatArray]:
-        """What kernels get that carry bodies on."""
+        """Return the arguments of the kernels that move bodies."""
         codes = entries.codes(self._fitted, self.collider is not None)
         return codes, self.table, self.touching.table, self.contact_nu_dot
 
     def rates_of_change(self, t: float) -> tuple[FloatArray, FloatArray]:
-        """nu_dot (n, 6) in B, and the applied wrench (n, 6) about the origin in B, at the present state.
+        """Return nu_dot (n, 6) in B and the applied wrench (n, 6) about the origin in B, at the present state.
 
-        nu_dot holds the mean of the last tick's contacts, as an accelerometer would, and its external wrench; the wrench is that of thrusters,
-        prescribed rows and the external one.
+        nu_dot contains the mean acceleration by the contacts of the last tick, as an accelerometer measures it, and the effect of the external
+        wrench. The wrench is that of thrusters, prescribed rows and the external one.
         """
         nu_dot, tau = np.empty((len(self), 6)), np.empty((len(self), 6))
         self.rates_into(t, nu_dot, tau)
         return nu_dot, tau
 
     def rates_into(self, t: float, nu_dot: FloatArray, tau: FloatArray) -> None:
-        """`rates_of_change` into arrays (n, 6)."""
+        """Write the results of `rates_of_change` to arrays (n, 6)."""
         if self.sea is not None:
             self.fill_flows(t)
         entries.find_rates()(*self._given(), t, nu_dot, tau)
 
     def load_kernels(self) -> None:
-        """Load the compiled kernels, or compile them, now rather than in the first tick; once for all alike."""
+        """Load or compile the kernels now instead of in the first tick. It is done once for all worlds of the same kind."""
         needed = (self._fitted, self.collider is not None, self.sea is not None)
         if needed == self._loaded:
             return
         self._loaded = needed
         entries.codes(self._fitted, self.collider is not None)
         if self.collider is not None:
-            self.collider.find_contacts(self.state, self.dt)  # which makes its arrays
+            self.collider.find_contacts(self.state, self.dt)  # this also makes the arrays of the collider
         if self.sea is not None:
             entries.flow_code()
 
     def fill_flows(self, t: float, ahead: float = 0.0) -> None:
-        """Find the water at each body, `ahead` s after t on its way, where there is a sea."""
+        """Find the water at each body, `ahead` seconds after t on its path. Do nothing without a sea."""
         if self._sea is not None:
             entries.sea().fill_flows(self.table, self._sea, t, ahead)
 
     def kinetic_energy(self) -> FloatArray:
-        """(n) kinetic energy of bodies and water, J: (nu^T M_RB nu + nu_r^T M_A nu_r) / 2, fully submerged."""
+        """Return the kinetic energy (n) of bodies and water, J: (nu^T M_RB nu + nu_r^T M_A nu_r) / 2, fully submerged."""
         from uwserver.physics.dynamics.energy import kinetic_energy
 
         return kinetic_energy(self.bodies, self.state, self.currents)

@@ -1,4 +1,4 @@
-"""The compiled functions that carry bodies on, loaded when one is needed first: they cost half a second, and `import uwserver` must stay quick."""
+"""Loads the compiled functions that move bodies when they are first needed. This takes half a second, and `import uwserver` must stay quick."""
 
 from __future__ import annotations
 
@@ -19,31 +19,27 @@ _NO_CODES = Codes(0, 0, 0, 0)
 
 
 @cache
-def _advance(fitted: bool) -> Any:
+def _steppers(fitted: bool) -> tuple[Any, Any]:
     from uwserver.physics.dynamics import integrator
 
-    kernel: Any = integrator.advance_fitted if fitted else integrator.advance
-    kernel.load(_NO_TABLE, 0.0, 0.0)
-    return kernel
-
-
-@cache
-def _rates_of_change(fitted: bool) -> Any:
-    from uwserver.physics.dynamics import integrator
-
-    kernel: Any = integrator.rates_of_change_fitted if fitted else integrator.rates_of_change
-    kernel.load(_NO_TABLE, 0.0, np.empty((0, 6)), np.empty((0, 6)))
-    return kernel
+    advance: Any = integrator.advance_fitted if fitted else integrator.advance
+    rates: Any = integrator.rates_of_change_fitted if fitted else integrator.rates_of_change
+    advance.load(_NO_TABLE, 0.0, 0.0)
+    rates.load(_NO_TABLE, 0.0, np.empty((0, 6)), np.empty((0, 6)))
+    return advance, rates
 
 
 @cache
 def codes(fitted: bool, touches: bool) -> Codes:
-    """Where the code lies of what carries bodies through a tick, of worlds with or without appendages, in which something is solid or not."""
-    advance, rates = address_of(_advance(fitted), "int64"), address_of(_rates_of_change(fitted), "none")
-    return Codes(advance, rates, *(_contact_codes(fitted) if touches else (0, 0)))
+    """Return the addresses of the code that moves bodies in a tick, for worlds with or without appendages (`fitted`) and solids (`touches`)."""
+    advance, rates = _steppers(fitted)
+    return Codes(
+        address_of(advance, "int64"), address_of(rates, "none"), *(contact_codes(fitted) if touches else (0, 0))
+    )
 
 
-def _contact_codes(fitted: bool) -> tuple[int, int]:
+def contact_codes(fitted: bool) -> tuple[int, int]:
+    """Return the addresses of the code of the two contact stages, for worlds with or without appendages."""
     from uwserver.physics.contact.carrying import STRUCK, load_stages
 
     strike, finish = load_stages(fitted)
@@ -52,7 +48,7 @@ def _contact_codes(fitted: bool) -> tuple[int, int]:
 
 @cache
 def carry() -> Callable[..., Any]:
-    """`contact.carrying.carry_alone`."""
+    """Return `contact.carrying.carry_alone`, loaded."""
     from uwserver.physics.contact import carrying
 
     kernel: Any = carrying.carry_alone
@@ -62,7 +58,7 @@ def carry() -> Callable[..., Any]:
 
 @cache
 def find_rates() -> Callable[..., Any]:
-    """`contact.carrying.find_rates_alone`."""
+    """Return `contact.carrying.find_rates_alone`, loaded."""
     from uwserver.physics.contact import carrying
 
     kernel: Any = carrying.find_rates_alone
@@ -72,7 +68,7 @@ def find_rates() -> Callable[..., Any]:
 
 @cache
 def sea() -> ModuleType:
-    """Of a sea."""
+    """Return the module of moving water."""
     from uwserver.physics.dynamics import flow
 
     return flow
@@ -80,7 +76,7 @@ def sea() -> ModuleType:
 
 @cache
 def flow_code() -> int:
-    """Where the code of `flow.fill_flows` lies, for kernels that call it."""
+    """Return the address of the code of `flow.fill_flows`, for kernels that call it."""
     kernel: Any = sea().fill_flows
     nothing = layout.SeaRows(np.zeros(7), np.zeros((0, layout.PROFILE_SIZE)), np.zeros((0, layout.WAVE_SIZE)))
     kernel.load(_NO_TABLE, nothing, 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""What arrays from outside must be like, to become those of bodies."""
+"""Checks arrays of bodies that come from outside."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 _FLAGS = dict.fromkeys(("in_contact", "retired", "by_force", "fresh", "frame", "harmonic"), 1) | dict.fromkeys(
     ("stuck", "form_M_RB", "form_M_A", "form_D_L", "form_D_Q", "form_D_S"), 2
 )
-"""Whole numbers in their rows that change, with their largest value; the others say which rows belong together, and never do."""
+"""Largest values of the whole numbers that change in a run. All other whole numbers say which rows belong together, and never change."""
 _ENDLESS = ("rate", "floor")
-"""Numbers that may be infinite: the rate of a servo without a limit, and the depth of no bottom. While a servo is stuck its
-rate is 0, and a state of before must still fit."""
+"""Fields that may be infinite: the rate of a servo without a limit, and the depth where there is no bottom. While a servo is stuck its rate is 0, and
+an earlier state with an infinite rate must still be accepted."""
 
 
 def check_rows(name: str, new: Any, now: Any) -> None:
-    """Raise ValueError for numbers that are not finite (but for what may be without a limit), and for whole numbers that cannot be."""
+    """Raise ValueError for a number that is not finite, unless its field may be without a limit, and for an impossible whole number."""
     if new.dtype.names is None:
         if new.dtype.kind == "f" and not np.isfinite(new).all():
             raise ValueError(f'"{name}" holds what is not finite')

@@ -1,4 +1,4 @@
-"""All solid things of one world, for contacts and for rays. Made when a scenario has something solid."""
+"""All solid things of one world, for contacts and for rays. It is made only if a scenario has something solid."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from uwserver.physics.rays.surfaces import Surfaces
 
 
 class Stocks(NamedTuple):
-    """What worlds with the same solids have in common, if they are stepped in one thread: ways out of overlaps, and what all of them only read."""
+    """What worlds with the same solids share if one thread steps them: ways out of overlaps, and data that is only read."""
 
     ways: WaysOut
     stock: Stock
@@ -28,12 +28,12 @@ class Stocks(NamedTuple):
 
 
 class Scene:
-    """A `contact.Collider` and a `geometry.Geometry` of the same solids, by the same ids. Not thread-safe.
+    """A `Collider` for contacts and a `Geometry` for rays of the same solids, with the same ids. Not thread-safe.
 
     Args:
-        state: gives the present state (n, 13) of all bodies, for rays.
-        engine: of contacts, see `collision.engine`.
-        stocks: what it has in common with other worlds; default: nothing, and an engine of its own.
+        state: returns the present state (n, 13) of all bodies, for rays.
+        engine: the collision engine, see `collision.engine`.
+        stocks: data shared with other worlds; default: none, and an engine of its own.
 
     Raises:
         ImportError: the engine is not installed.
@@ -48,15 +48,15 @@ class Scene:
         self._finding: Finding | None = None
 
     def add_static(self, solid: Solid) -> int:
-        """Add something that never moves, placed in N; returns its id. Raises shapes.BadSolid."""
+        """Add a solid that never moves, placed in N, and return its id. Raise shapes.BadSolid if it is impossible."""
         body = self._solids.add_static(solid)
         self._rays.add_static(body, solid)
         return body
 
     def add_moving(self, solid: Solid, row: int, led: bool = False) -> int:
-        """Add what the body in `row` carries, placed in B; returns its id. Raises shapes.BadSolid.
+        """Add a solid that the body in `row` carries, placed in B, and return its id. Raise shapes.BadSolid if it is impossible.
 
-        A body that is `led` from outside pushes others and yields to nothing: it has no contacts with what does not move, nor with its like.
+        A body that is `led` from outside pushes others and does not yield: it has no contacts with static solids or with other led bodies.
         """
         body = self._solids.add_moving(solid, row)
         self._rays.add_moving(body, solid, row)
@@ -65,13 +65,13 @@ class Scene:
         return body
 
     def remove(self, body: int) -> None:
-        """Take a solid away; KeyError if there is none of this id."""
+        """Remove a solid. Raise KeyError if no solid has this id."""
         self._solids.remove(body)
         self._rays.remove(body)
         self._led.pop(body, None)
 
     def find_contacts(self, state: FloatArray, dt: float) -> Contacts:
-        """As `contact.Collider`."""
+        """Return contacts as `contacts.Collider` does."""
         contacts = self._solids.find_contacts(state, dt)
         if not self._led or contacts is NO_CONTACTS:
             return contacts
@@ -85,7 +85,7 @@ class Scene:
         return Contacts(*columns)  # contiguous: the solver is compiled for that
 
     def finding(self) -> Finding:
-        """See `Solids.finding`."""
+        """Return the search for compiled code, see `Solids.finding`."""
         finding = self._solids.finding()
         if finding is not self._plain:
             self._plain = self._finding = finding
@@ -95,17 +95,17 @@ class Scene:
         return self._finding
 
     def ray_targets(self) -> RayTargets:
-        """See `Rays.ray_targets`."""
+        """Return what compiled code casts rays at, see `Rays.ray_targets`."""
         return self._rays.ray_targets()
 
     def raycast(self, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
-        """As `geometry.Geometry`, where the bodies are now."""
+        """Cast rays as `Geometry` does, at the present places of the bodies."""
         return self._rays.at(self._state()).raycast(origin, direction, max_range)
 
     def still(self) -> Still:
-        """The same as a geometry for one other thread, with the bodies where they are now."""
+        """Return a geometry of the bodies at their present places, for one other thread."""
         return self._rays.still(self._state())
 
     def without(self, row: int) -> Instant:
-        """The same at this instant, but for what the body in `row` carries: for who shall not see what it is mounted on."""
+        """Return the geometry of this instant without the solids of the body in `row`: for a sensor that must not see its own vehicle."""
         return self._rays.at(self._state(), row)

@@ -39,7 +39,7 @@ def check(say: Callable[[str], None] = lambda line: None) -> None:
     """Run each path of the kernels once.
 
     Args:
-        say: gets a line of progress before each part.
+        say: is called with a line of progress before each part.
 
     Raises:
         RuntimeError: a state was not finite: the installation is broken.
@@ -75,19 +75,12 @@ def check(say: Callable[[str], None] = lambda line: None) -> None:
 
 
 def _still_sea() -> tuple[SeaRows, FloatArray]:
-    """A sea without anything that moves, and the water at a point of it."""
+    """Return a sea in which nothing moves, and the water at a point of it."""
     from uwserver.physics.dynamics import flow
 
     sea, point = SeaRows(np.zeros(7), np.zeros((0, PROFILE_SIZE)), np.zeros((0, WAVE_SIZE))), np.empty(flow.POINT_SIZE)
     flow.water_at(sea, 0.0, 0.0, 0.0, 0.0, point)
     return sea, point
-
-
-def _strike(fitted: bool) -> None:
-    """Stages of contact but the step of the bodies, which `advance` compiles."""
-    from uwserver.physics.contact import carrying
-
-    carrying.load_stages(fitted)
 
 
 def _free(fitted: bool) -> None:
@@ -105,28 +98,20 @@ def _sea() -> None:
     world.fill_flows(0.0)
 
 
-def _solids() -> None:
-    solid_kernels()
-
-
-def _echoes() -> None:
-    echo_kernels()
-
-
 COMPILE: dict[str, Callable[[], object]] = {
     "free": lambda: _free(False),
     "fins": lambda: _free(True),
-    "contact": lambda: _strike(False),
-    "fins in contact": lambda: _strike(True),
+    "contact": lambda: entries.contact_codes(False),
+    "fins in contact": lambda: entries.contact_codes(True),
     "sea": _sea,
-    "solids": _solids,
-    "echoes": _echoes,
+    "solids": lambda: solid_kernels(),
+    "echoes": lambda: echo_kernels(),
 }
-"""What compiles the kernels of a stage, and no others."""
+"""Compiles the kernels of each stage, and no others."""
 
 
 class _Underfoot:
-    """One contact, below the first body."""
+    """Gives one contact, below the first body."""
 
     def find_contacts(self, state: FloatArray, dt: float) -> Contacts:
         point = state[:1, :3] + [0.0, 0.0, 0.1]
@@ -136,10 +121,10 @@ class _Underfoot:
 
 @cache
 def solid_kernels() -> None:
-    """Run those of contacts and rays once, so that no tick waits for them; not without the extra `solid`.
+    """Run the kernels of contacts and rays once, so that no tick waits for them. Do nothing without the extra `solid`.
 
     Raises:
-        RuntimeError: they find nothing where something is.
+        RuntimeError: they did not find a ball on the ground.
     """
     try:
         from uwserver.physics.collision.solids import Solids
@@ -151,29 +136,29 @@ def solid_kernels() -> None:
         return
 
     sheet = TriangleMesh(np.array([[-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]), np.array([[0, 1, 2]]))
-    # The ball overlaps the block, about which an engine is asked.
+    # The ball overlaps the block, so that the collision engine is used too.
     block = Placed(Box((0.1, 0.1, 0.1)), (-0.5, -0.41, -0.1))
     ground, ball = Solid("ground", (Placed(sheet), Placed(HalfSpace()), block)), Solid("ball", (Placed(Sphere(0.12)),))
     state = np.array([[-0.5, -0.5, -0.1, 1.0, *[0.0] * 9]])
     rays = Rays()
     rays.add_static(0, ground)
     rays.add_moving(1, ball, 0)
-    start, down, met = np.array([[-0.5, -0.5, -1.0]]), np.array([[0.0, 0.0, 1.0]]), no_hits(1)
+    start, down, ray_targets = np.array([[-0.5, -0.5, -1.0]]), np.array([[0.0, 0.0, 1.0]]), no_hits(1)
     hit = rays.at(state).raycast(start, down, 10.0)
-    meeting.meet(rays.ray_targets().table, start, down, 10.0, state, np.zeros(0, np.int64), *met)
+    meeting.meet(rays.ray_targets().table, start, down, 10.0, state, np.zeros(0, np.int64), *ray_targets)
     with solids:
         solids.add_static(ground)
         solids.add_moving(ball, 0)
-        if len(solids.find_contacts(state, _DT).gap) != 3 or hit.body[0] != 1 or met.body[0] != 1:
+        if len(solids.find_contacts(state, _DT).gap) != 3 or hit.body[0] != 1 or ray_targets.body[0] != 1:
             raise RuntimeError(f"a ball on the ground was not found: reinstall numba and the engine {solids.ways.name}")
 
 
 @cache
 def echo_kernels() -> None:
-    """Run those of echo sounders once, so that no reading waits for them.
+    """Run the kernels of echo sounders once, so that no reading waits for them.
 
     Raises:
-        RuntimeError: they hear nothing of a bottom.
+        RuntimeError: they did not find the surface.
     """
     from uwserver.physics.rays import hits
 
@@ -184,7 +169,7 @@ def echo_kernels() -> None:
 
 
 def _body(drag: float) -> BodyParams:
-    """A body with a box, a sphere and a thruster; `drag` scales its damping."""
+    """Return a body with a box, a sphere and a thruster; `drag` scales its damping."""
     table = ForceTable((16.0,), (((-1.0, -30.0), (0.0, 0.0), (1.0, 40.0)),))
     thruster = ThrusterParams("t", (0.1, 0.0, 0.0), (1.0, 0.0, 0.0), table, 16.0, Lag.first_order(0.1), 0.01, 0.1)
     return BodyParams(

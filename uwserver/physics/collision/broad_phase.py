@@ -1,7 +1,7 @@
-"""Which shapes come near others in a tick: boxes around them, grown by the way that a body can go (compiled).
+"""Finds shapes that come near others in a tick, by boxes around them that are enlarged by the distance that a body can move (compiled).
 
-So a body far from everything solid costs a few comparisons and no call into an engine. A box that is too large costs time and never changes
-a contact, as contacts are judged by their own gap.
+So a body far from everything solid costs a few comparisons and no call of an engine. A box that is too large costs time and never changes a contact,
+as contacts are judged by their own gap.
 """
 
 from __future__ import annotations
@@ -21,19 +21,20 @@ from uwserver.physics.kernel.linear import dot, product, rotation
 
 
 class Search(NamedTuple):
-    """What a search works on, beside the shapes.
+    """The data of a search, beside the shapes.
 
     Attributes:
         bodies: (m, 3) first slot, count of slots, row in the state, in rising order of the slots.
         fixed: slots of static shapes, in rising order.
         radius: (m) of a ball about each body's origin that holds its shapes, m.
-        Q: (n, 4) attitudes of the engine's shapes, x y z w; of a body, like the poses and boxes of its shapes, those of when it was near something.
-        reach: (n) by how much each shape's box is larger than the shape, m.
+        Q: (n, 4) attitudes of the engine's shapes, x y z w. Those of a body, and the poses and boxes of its shapes, are updated only if it is near
+            something.
+        reach: (n) by how much the box of each shape is larger than the shape, m.
         low, high: (n, 3) boxes around the shapes, in N.
-        body_low, body_high: (m, 3) boxes around the bodies: around their balls, or around their shapes where they are near something.
-        order: (m) bodies as they were sorted last.
+        body_low, body_high: (m, 3) boxes around the bodies: around their balls, or around their shapes if they are near something.
+        order: (m) bodies in the order of the last sorting.
         overlapping: (m) whether the box around a body's ball meets that of another body.
-        near: (m) whether it meets anything.
+        near: (m) whether it meets any other box.
     """
 
     bodies: Array
@@ -65,14 +66,14 @@ SEARCH: Forms = {
     "overlapping": columns(np.bool_),
     "near": columns(np.bool_),
 }
-"""Of the table that a search and `narrow_phase` get."""
+"""The table for a search and for `narrow_phase`."""
 
 _shapes_at, _search_at = arrays_at(Shapes, SEARCH), arrays_at(Search, SEARCH)
 
 
 @compiled
 def place(slot: Any, p: Array, R: Array, P_out: Array, R_out: Array) -> None:
-    """Pose in N of a shape whose solid stands at p with attitude R."""
+    """Write the pose in N of a shape whose solid is at p with attitude R."""
     for i in range(3):
         P_out[i] = p[i] + dot(R[i], slot.p)
         for j in range(3):
@@ -80,14 +81,14 @@ def place(slot: Any, p: Array, R: Array, P_out: Array, R_out: Array) -> None:
 
 
 def radius_of(slots: Any) -> float:
-    """Of a ball (m) about a body's origin that holds its shapes, given as records."""
+    """Return the radius (m) of a ball about a body's origin that holds its shapes, given as records."""
     arms, sizes = np.linalg.norm(slots["p"], axis=1), np.linalg.norm(np.abs(slots["centre"]) + slots["half"], axis=1)
     return float(np.max(arms + sizes, initial=0.0))
 
 
 @compiled
 def bound(slot: Any, P: Array, R: Array, reach: float, low: Array, high: Array) -> None:
-    """The box in N around a placed shape, `reach` (m) larger on every side."""
+    """Write the box in N around a placed shape, `reach` (m) larger on every side."""
     for i in range(3):
         centre = P[i] + dot(R[i], slot.centre)
         half = abs(R[i, 0]) * slot.half[0] + abs(R[i, 1]) * slot.half[1] + abs(R[i, 2]) * slot.half[2] + reach
@@ -96,7 +97,7 @@ def bound(slot: Any, P: Array, R: Array, reach: float, low: Array, high: Array) 
 
 @compiled
 def overlap(low_a: Array, high_a: Array, low_b: Array, high_b: Array) -> bool:
-    """Whether two boxes meet."""
+    """Return whether two boxes meet."""
     apart = False
     for i in range(3):
         apart = apart or low_a[i] > high_b[i] or low_b[i] > high_a[i]
@@ -105,7 +106,7 @@ def overlap(low_a: Array, high_a: Array, low_b: Array, high_b: Array) -> bool:
 
 @compiled
 def _below(P: Array, R: Array, low: Array, high: Array) -> bool:
-    """Whether any corner of a box is inside a half-space."""
+    """Return whether any corner of a box is inside a half-space."""
     depth = 0.0
     for i in range(3):
         depth += (high[i] if R[i, 2] > 0.0 else low[i]) * R[i, 2] - P[i] * R[i, 2]
@@ -114,7 +115,8 @@ def _below(P: Array, R: Array, low: Array, high: Array) -> bool:
 
 @compiled
 def _bound_bodies(search: Search, state: Array, dt: float, margin: float) -> None:
-    """Boxes around the balls that hold bodies, with the way that they can go. One whose state is not finite is nowhere."""
+    """Set the boxes around the balls that hold bodies, enlarged by the distance that they can move. A body whose state is not finite gets a box
+    that meets nothing."""
     low, high = search.body_low, search.body_high
     for b in range(len(search.bodies)):
         first, count, row = search.bodies[b]
@@ -134,7 +136,7 @@ def _bound_bodies(search: Search, state: Array, dt: float, margin: float) -> Non
 
 @compiled
 def _find_near(shapes: Shapes, search: Search, gate: bool) -> None:
-    """Which bodies' boxes meet that of another, or of something that does not move."""
+    """Find the bodies whose boxes meet that of another body or of a static shape."""
     slots, fixed, body_low, body_high = shapes.slots, search.fixed, search.body_low, search.body_high
     for b in range(len(search.bodies)):
         near = not gate or bool(search.overlapping[b])
@@ -151,7 +153,7 @@ def _find_near(shapes: Shapes, search: Search, gate: bool) -> None:
 
 @compiled
 def _place_near(shapes: Shapes, search: Search, state: Array) -> None:
-    """Poses, attitudes for the engine and boxes of the shapes of bodies that are near something, and the boxes around them all."""
+    """Set poses, attitudes for the engine and boxes of the shapes of bodies that are near something, and the boxes around these bodies."""
     slots, low, high, body_low, body_high = shapes.slots, search.low, search.high, search.body_low, search.body_high
     R, engine = shapes.R[0].copy(), search.Q
     for b in range(len(search.bodies)):
@@ -179,7 +181,7 @@ def _place_near(shapes: Shapes, search: Search, state: Array) -> None:
 
 @compiled
 def sweep(search: Search) -> None:
-    """Which bodies' boxes meet that of another: sweep and prune along x. `order` keeps its sense from tick to tick, nothing else."""
+    """Find the bodies whose boxes meet that of another body, by sweep and prune along x. Of the last tick only `order` is used."""
     low, high, order, overlapping = search.body_low, search.body_high, search.order, search.overlapping
     n = len(order)
     for i in range(1, n):
@@ -207,7 +209,7 @@ def sweep(search: Search) -> None:
 
 @compiled
 def overlapping_pairs(shapes: Shapes, search: Search, gate: bool, pairs: Array) -> int:
-    """Pairs of slots (a moving, b static or of a later body) whose boxes meet, into `pairs` (k, 2) as far as they fit.
+    """Write the pairs of slots (a moving, b static or of a later body) whose boxes meet to `pairs` (k, 2), as far as they fit.
 
     Args:
         gate: False gives every pair, for tests.
@@ -254,11 +256,11 @@ def overlapping_pairs(shapes: Shapes, search: Search, gate: bool, pairs: Array) 
 
 @entry
 def find_pairs(table: Array, state: Array, dt: float, margin: float, gate: bool, pairs: Array) -> int:
-    """Pairs of shapes that may touch within a tick; moves the shapes of bodies that are near something to where these are.
+    """Find pairs of shapes that may touch within a tick, and move the shapes of bodies that are near something to their present places.
 
     Args:
         table: made by `SEARCH`.
-        state: (n, 13) of the bodies.
+        state: (n, 13) states of the bodies.
         dt: length of the tick, s.
         margin: m, added to the way that a body can go in dt.
         gate: False gives every pair, for tests.

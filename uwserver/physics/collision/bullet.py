@@ -1,7 +1,7 @@
 """Bullet as an engine. The only module that knows pybullet, which it imports when an engine is made.
 
-Bullet holds each shape as a body of its own, moved to where it is asked about; it never steps. What it is asked,
-`getClosestPoints`, depends on the poses alone; its contact manifolds would not.
+Bullet holds each shape as a body of its own, which is moved to the place of each question; it never steps. The answer of `getClosestPoints` depends
+on the poses alone, unlike its contact manifolds.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from uwserver.physics.geometry.shapes import BadSolid, Box, Capsule, ConvexHull,
 from uwserver.physics.kernel.arrays import FloatArray
 
 _SLACK = 0.01
-"""m; Bullet rounds edges by margins, so it may see a gap where the shapes just overlap."""
+"""Distance up to which pairs are asked for, m. Bullet rounds edges by margins, so it may report a gap where the shapes just overlap."""
 
 
 @cache
 def _pybullet() -> ModuleType:
-    """pybullet, without the line that it writes to standard error when it is imported: a log should not begin with a stray date."""
+    """Import pybullet without the line that it writes to standard error at the import, so that a log does not begin with a stray date."""
     try:
         err = os.dup(2)
-    except OSError:  # there is none
+    except OSError:  # there is no standard error
         import pybullet
 
         return cast("ModuleType", pybullet)
@@ -39,7 +39,7 @@ def _pybullet() -> ModuleType:
         import pybullet
 
         if os.name == "posix":
-            ctypes.CDLL(None).fflush(None)  # it waits in C's own buffer
+            ctypes.CDLL(None).fflush(None)  # the line waits in the buffer of the C library
     finally:
         os.dup2(err, 2)
         os.close(err)
@@ -48,7 +48,7 @@ def _pybullet() -> ModuleType:
 
 
 class BulletEngine:
-    """An `engine.Engine`.
+    """Bullet as an `engine.Engine`.
 
     Raises:
         ImportError: pybullet is not installed.
@@ -62,17 +62,17 @@ class BulletEngine:
         self._client: int = self._bullet.connect(self._bullet.DIRECT)
         if self._client < 0:
             raise RuntimeError("Bullet gives no further world: close some")
-        # Else what Bullet has of a world that nobody has any more, 29 MB, would stay for as long as the process.
+        # Otherwise the 29 MB of a world that nothing refers to any more would stay until the process ends.
         self._ended = weakref.finalize(self, self._bullet.disconnect, self._client)
         self._ended.atexit = False
 
     def close(self) -> None:
-        """As `Engine`."""
+        """Implement `Engine.close`."""
         self._ended()
         self._client = -1
 
     def add(self, placed: Placed, rows: Part) -> int:
-        """As `Engine`."""
+        """Implement `Engine.add`."""
         bullet, shape = self._bullet, placed.shape
         form: dict[str, Any]
         if isinstance(shape, Box):
@@ -92,7 +92,7 @@ class BulletEngine:
         return int(bullet.createMultiBody(0.0, made, physicsClientId=self._client))
 
     def way_out(self, a: int, pose_a: Pose, b: int, pose_b: Pose) -> FloatArray:
-        """As `Engine`."""
+        """Implement `Engine.way_out`."""
         self._place(a, pose_a)
         self._place(b, pose_b)
         lines = self._bullet.getClosestPoints(a, b, _SLACK, physicsClientId=self._client)

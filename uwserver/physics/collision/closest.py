@@ -1,7 +1,7 @@
 """Closest points of two convex shapes, exact to rounding (compiled).
 
-`cores` finds those of what has corners and edges. On the round rim of a cylinder its steps get shorter without end; there, Newton's method on
-the two curves that meet takes over. Where a cylinder shows its side, it does as its axis with a radius.
+`cores` finds those of shapes with corners and edges. On the round rim of a cylinder its steps would get shorter without end; there, Newton's method
+on the two curves that meet takes over. A cylinder that shows its side is replaced by its axis with a radius.
 """
 
 from __future__ import annotations
@@ -17,13 +17,15 @@ from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.kernel.linear import dot
 
 _SIDEWAYS = 1e-3
-"""Cosine between axis and direction below which a cylinder may show its side: if so, it does as its axis with a radius, to _SQUARE."""
+"""Cosine between axis and direction below which a cylinder may show its side. If it does, the cosine must be below _SQUARE with the axis in place
+of the cylinder."""
 _SQUARE = 1e-9
 
 
 @compiled
 def shape_distance(shapes: Shapes, cores: Cores, reach: float) -> float:
-    """As `core_distance`, with what a cylinder needs beside. The shapes' distance is smaller by `core_radius` of both.
+    """Return the distance of the cores of two shapes as `core_distance` does, also for cylinders. The distance of the shapes is smaller by
+    `core_radius` of both.
 
     Args:
         reach: m, between the shapes.
@@ -65,9 +67,10 @@ def _cosine(shapes: Shapes, s: int, n: Array) -> float:
 
 @compiled
 def _curve(shapes: Shapes, cores: Cores, side: int, curve: Array) -> int:
-    """What of a core the closest point lies on: 0 a point, 1 a line, 2 a rim, 3 a face. `curve` (3, 3) gets a point or centre, and axes.
+    """Return the kind of feature of a core on which the closest point lies: 0 a point, 1 a line, 2 a rim, 3 a face. Write its point or centre, and
+    axes, to `curve` (3, 3).
 
-    On a line a point is curve[0] + u curve[1], on a rim curve[0] + cos(u) curve[1] + sin(u) curve[2], both at u = 0 now.
+    A point of a line is curve[0] + u curve[1]; one of a rim is curve[0] + cos(u) curve[1] + sin(u) curve[2]. The closest point has u = 0.
     """
     s, corners, codes = (
         (cores.a[0], cores.A, cores.codes[:, 0]) if side == 0 else (cores.b[0], cores.B, cores.codes[:, 1])
@@ -106,7 +109,7 @@ def _curve(shapes: Shapes, cores: Cores, side: int, curve: Array) -> int:
 
 @compiled
 def _at(kind: int, curve: Array, u: float, x: Array, slope: Array, bend: Array) -> None:
-    """Point x, first and second derivative of a curve at u."""
+    """Write the point x and the first and second derivative of a curve at u."""
     c, s = math.cos(u), math.sin(u)
     for i in range(3):
         if kind == 2:
@@ -118,7 +121,7 @@ def _at(kind: int, curve: Array, u: float, x: Array, slope: Array, bend: Array) 
 
 @compiled
 def _polish(shapes: Shapes, cores: Cores, distance: float) -> float:
-    """Newton's method for the closest points of two curves, of which one is a rim; leaves faces and lines as they are."""
+    """Find the closest points of two curves, of which one is a rim, by Newton's method. Faces and lines stay as they are."""
     if distance == 0.0:
         return 0.0
     curve_a, curve_b = np.zeros((3, 3)), np.zeros((3, 3))
@@ -150,7 +153,7 @@ def _polish(shapes: Shapes, cores: Cores, distance: float) -> float:
         u, w = u + du, w + dw
         if abs(du) + abs(dw) < 1e-15:
             break
-    if abs(u) + abs(w) > 1e-3:  # not the same feature any more
+    if abs(u) + abs(w) > 1e-3:  # no longer the same feature
         return distance
     _at(kind_a, curve_a, u, xa, da, ea)
     _at(kind_b, curve_b, w, xb, db, eb)

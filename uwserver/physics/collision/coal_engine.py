@@ -1,6 +1,6 @@
-"""coal (the successor of hpp-fcl) as an engine. The only module that knows it; it is imported when an engine is made.
+"""coal (the successor of hpp-fcl) as an engine. The only module that knows coal; it imports it when an engine is made.
 
-Its ways out of an overlap are those of its own GJK and EPA in float64. It keeps no state between questions.
+Its ways out of an overlap come from its GJK and EPA in float64. It keeps no state between questions.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from uwserver.physics.kernel.arrays import FloatArray
 
 
 class CoalEngine:
-    """An `engine.Engine`.
+    """coal as an `engine.Engine`.
 
     Raises:
         ImportError: coal is not installed.
@@ -36,11 +36,11 @@ class CoalEngine:
         self._request.enable_signed_distance = True
 
     def close(self) -> None:
-        """As `Engine`."""
+        """Implement `Engine.close`."""
         self._shapes.clear()
 
     def add(self, placed: Placed, rows: Part) -> int:
-        """As `Engine`."""
+        """Implement `Engine.add`."""
         handle, self._next = self._next, self._next + 1
         self._shapes[handle] = self._shape(placed, rows)
         return handle
@@ -65,7 +65,7 @@ class CoalEngine:
         return coal.Convex(points, faces)
 
     def way_out(self, a: int, pose_a: Pose, b: int, pose_b: Pose) -> FloatArray:
-        """As `Engine`."""
+        """Implement `Engine.way_out`."""
         answer = self._coal.DistanceResult()
         self._coal.distance(
             self._shapes[a], self._placed(pose_a), self._shapes[b], self._placed(pose_b), self._request, answer

@@ -1,4 +1,4 @@
-"""Contact points between bodies, and the impulses in them: what the collision engine finds and what the solver keeps from tick to tick."""
+"""Contact points between bodies, the impulses in them, and the data with which compiled code finds contacts."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 
 NUMBERS = 7
-"""Columns of a contact on its way: point (3) midway between the surfaces, normal (3) from b to a, gap."""
+"""Columns of a contact before it becomes part of `Contacts`: point (3) midway between the surfaces, normal (3) from b to a, gap."""
 
 
 class Contacts(NamedTuple):
-    """Points where bodies touch or may touch within the tick; k of them, in an order that depends on the poses alone.
+    """Points where bodies touch or may touch within the tick: k contacts, in an order that depends on the poses alone.
 
     Attributes:
-        body_a, body_b: (k) rows of the two bodies; `body_b` is -1 for what does not move.
+        body_a, body_b: (k) rows of the two bodies; `body_b` is -1 for a static solid.
         point: (k, 3) in N, m: midway between the two surfaces.
         normal: (k, 3) unit vector in N, from b towards a.
         gap: (k) distance along the normal, m; negative where they penetrate.
@@ -41,10 +41,10 @@ NO_CONTACTS = Contacts(
 
 
 class Collider(Protocol):
-    """Finds contacts. A pure function of its arguments: the same poses give the same contacts, bit for bit, whatever was asked before."""
+    """Finds contacts. The result depends on the arguments alone: the same poses give the same contacts, bit for bit."""
 
     def find_contacts(self, state: FloatArray, dt: float) -> Contacts:
-        """Contacts that are closed or may close within `dt` (s).
+        """Return the contacts that are closed or may close within `dt` (s).
 
         Args:
             state: (n, 13) p_NB, q_NB (w x y z), nu of all bodies.
@@ -53,12 +53,12 @@ class Collider(Protocol):
 
 
 class Impulses(NamedTuple):
-    """What a tick's contacts carried, and the next tick starts from.
+    """The impulses of a tick's contacts, with which the next tick starts.
 
     Attributes:
-        contacts: where.
+        contacts: the contacts.
         impulse: (k, 3) on body a, in N, N s.
-        hold: (k, 3) likewise, without hits: where the next tick starts from.
+        hold: (k, 3) likewise, without hits; the first guess of the next tick.
     """
 
     contacts: Contacts
@@ -70,15 +70,16 @@ NO_IMPULSES = Impulses(NO_CONTACTS, np.zeros((0, 3)), np.zeros((0, 3)))
 
 
 class Finding(NamedTuple):
-    """What compiled code needs to look for contacts, as `Solids.find_contacts` does where no engine has to be asked; until something comes or goes.
+    """The data with which compiled code finds contacts as `Solids.find_contacts` does, if no engine is needed. It is valid until a solid comes or
+    goes.
 
     Attributes:
-        find_pairs, find_lines, find_contacts: where the code of the stages lies (`kernel.calling`): of `broad_phase`, `directions`, `narrow_phase`.
+        find_pairs, find_lines, find_contacts: addresses of the code of the stages (`kernel.calling`) in `broad_phase`, `directions`, `narrow_phase`.
         table: of the shapes.
         margin: of the search, m.
-        pairs, line_first, lines, overlapping: what the first two receive.
-        bodies, numbers, keys, coefficients: what the last one receives.
-        led: rows of bodies that yield to nothing, which have no contacts with what does not move, nor with their like.
+        pairs, line_first, lines, overlapping: results of the first two stages.
+        bodies, numbers, keys, coefficients: results of the last stage.
+        led: rows of bodies that do not yield; they have no contacts with static solids or with each other.
     """
 
     find_pairs: int
@@ -102,4 +103,4 @@ NO_FINDING = Finding(
     0, 0, 0, _NO_TABLE, 0.0, _NO_TABLE, np.zeros(1, np.int64), np.zeros((0, 7)), np.zeros(0, np.bool_), _NO_TABLE, np.zeros((0, NUMBERS)), _NO_ROWS,
     np.zeros((0, 2)), _NO_ROWS,
 )  # fmt: skip
-"""Where nothing can touch anything."""
+"""For a world in which nothing can touch."""

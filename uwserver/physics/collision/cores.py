@@ -1,7 +1,7 @@
 """Closest points of the cores of two convex shapes, by the algorithm of Gilbert, Johnson and Keerthi 1988 (compiled).
 
-A ball is a point with a radius, a capsule a segment with one: so what remains has corners and edges, and the algorithm ends in finite steps.
-Only a cylinder has a round rim, about which `closest` knows more.
+A ball is a point with a radius, and a capsule is a segment with a radius. So cores have only corners and edges, and the algorithm ends after finitely
+many steps. Only a cylinder has a round rim, which `closest` handles.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ import numpy as np
 from uwserver.physics.geometry.slots import CAPSULE, CYLINDER, POLYHEDRON, SPHERE, Shapes
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
-from uwserver.physics.kernel.linear import dot
+from uwserver.physics.kernel.linear import dot, triangle_weights
 
 TOUCHING = 1e-6
-"""m; cores nearer than this count as overlapping: their closest points tell no direction."""
+"""m; cores nearer than this count as overlapping, as their closest points give no direction."""
 FAR = 1e300
 _STEPS = 96
 _SAME = 1e-7
-"""m; corners that are nearer to each other than this, as on a rim, are one: a simplex of both would have no shape."""
+"""m; corners that are nearer to each other than this, as on a rim, count as one: a simplex of both would be degenerate."""
 
 
 class Simplex(NamedTuple):
-    """A copy of the simplex of `Cores`, with its fields."""
+    """A copy of the simplex of `Cores`, with the same fields."""
 
     size: Array
     W: Array
@@ -36,21 +36,21 @@ class Simplex(NamedTuple):
 
 
 class Cores(NamedTuple):
-    """Two shapes, and a simplex of the difference of their cores: corner k is A[k] - B[k].
+    """Two shapes, and a simplex of the difference of their cores: its corner k is A[k] - B[k].
 
     Attributes:
         a, b: (1) slots; b < 0 for the triangle in `corners`.
-        corners: (3, 3) of it, in N.
+        corners: (3, 3) corners of that triangle, in N.
         shift: (3) by which a is moved, m.
-        lines: (2) 1 where a cylinder stands for its axis.
+        lines: (2) 1 if a cylinder is replaced by its axis.
         size: (1) corners of the simplex.
         W, A, B: (4, 3); `codes` (4, 2) numbers of the corners of the two shapes.
         weights: (4) of the closest point.
         n: (3) unit direction from b to a, in and out.
         xa, xb: (3) closest points of the shifted core of a, and of that of b.
-        kept: the simplex of the step before.
-        v, last: (3) the point of either that is nearest to the origin.
-        trial, ends: (4) and (2, 3) for passing use.
+        kept: the simplex of the previous step.
+        v, last: (3) the point of each simplex that is nearest to the origin.
+        trial, ends: (4) and (2, 3) work space.
     """
 
     a: Array
@@ -76,7 +76,7 @@ class Cores(NamedTuple):
 
 @compiled
 def new_cores() -> Cores:
-    """Work space for any pair, in few blocks of memory, as each costs a tenth of a microsecond."""
+    """Return work space for any pair. It is made of few blocks of memory, as each takes a tenth of a microsecond."""
     rows, numbers, codes, weights = np.zeros((35, 3)), np.zeros(8, np.int64), np.zeros((8, 2), np.int64), np.zeros(12)
     kept = Simplex(numbers[0:1], rows[0:4], rows[4:8], rows[8:12], codes[0:4], weights[0:4])
     return Cores(
@@ -87,7 +87,7 @@ def new_cores() -> Cores:
 
 @compiled
 def core_radius(shapes: Shapes, s: int, line: int) -> float:
-    """By how much a shape is larger than its core, m."""
+    """Return by how much a shape is larger than its core, m."""
     if s < 0:
         return 0.0
     slot = shapes.slots[s]
@@ -97,7 +97,7 @@ def core_radius(shapes: Shapes, s: int, line: int) -> float:
 
 @compiled
 def farthest(shapes: Shapes, s: int, corners: Array, line: int, sign: float, d: Array, x: Array) -> int:
-    """The point x of a core that lies farthest along sign * d; returns its number, -1 on a rim."""
+    """Write the point of a core that lies farthest along sign * d to x. Return its number, -1 on a rim."""
     if s < 0:
         best, most = 0, -FAR
         for k in range(3):
@@ -137,7 +137,7 @@ def farthest(shapes: Shapes, s: int, corners: Array, line: int, sign: float, d: 
 
 @compiled
 def core_gap(shapes: Shapes, cores: Cores, n: Array) -> float:
-    """Gap between the cores along n, without the shift, m."""
+    """Return the gap between the cores along n, without the shift, m."""
     xa, xb = cores.ends[0], cores.ends[1]
     farthest(shapes, cores.a[0], cores.corners, cores.lines[0], -1.0, n, xa)
     farthest(shapes, cores.b[0], cores.corners, cores.lines[1], 1.0, n, xb)
@@ -149,7 +149,7 @@ def core_gap(shapes: Shapes, cores: Cores, n: Array) -> float:
 
 @compiled
 def _add_corner(shapes: Shapes, cores: Cores, v: Array) -> bool:
-    """Put the corner of the difference that lies farthest along -v behind the simplex; False if it is one of the simplex."""
+    """Append the corner of the difference that lies farthest along -v to the simplex. Return False if the simplex contains it already."""
     k = cores.size[0]
     W, codes = cores.W, cores.codes
     codes[k, 0] = farthest(shapes, cores.a[0], cores.corners, cores.lines[0], -1.0, v, cores.A[k])
@@ -165,7 +165,7 @@ def _add_corner(shapes: Shapes, cores: Cores, v: Array) -> bool:
 
 @compiled
 def _on_triangle(a: Array, b: Array, c: Array, weights: Array) -> None:
-    """Weights (3) of the point of a triangle that is nearest to the origin. Ericson, Real-Time Collision Detection (2005), 5.1.5."""
+    """Write the weights (3) of the point of a triangle that is nearest to the origin."""
     d1 = d2 = d3 = d4 = d5 = d6 = 0.0
     for i in range(3):
         ab, ac = b[i] - a[i], c[i] - a[i]
@@ -175,29 +175,13 @@ def _on_triangle(a: Array, b: Array, c: Array, weights: Array) -> None:
         d4 -= ac * b[i]
         d5 -= ab * c[i]
         d6 -= ac * c[i]
-    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
-    v = w = 0.0
-    if d1 <= 0.0 and d2 <= 0.0:
-        v = 0.0
-    elif d3 >= 0.0 and d4 <= d3:
-        v = 1.0
-    elif d6 >= 0.0 and d5 <= d6:
-        w = 1.0
-    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        v = d1 / (d1 - d3)
-    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        w = d2 / (d2 - d6)
-    elif va <= 0.0 and d4 >= d3 and d5 >= d6:
-        w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
-        v = 1.0 - w
-    else:
-        v, w = vb / (va + vb + vc), vc / (va + vb + vc)
+    v, w = triangle_weights(d1, d2, d3, d4, d5, d6)
     weights[0], weights[1], weights[2] = 1.0 - v - w, v, w
 
 
 @compiled
 def _outside(p: Array, q: Array, r: Array, other: Array) -> bool:
-    """Whether the origin and the fourth corner of a tetrahedron lie on two sides of a face; so they do for a flat one."""
+    """Return whether the origin and the fourth corner of a tetrahedron lie on two sides of a face. For a flat tetrahedron they do."""
     ux, uy, uz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     vx, vy, vz = r[0] - p[0], r[1] - p[1], r[2] - p[2]
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
@@ -210,7 +194,7 @@ def _outside(p: Array, q: Array, r: Array, other: Array) -> bool:
 
 @compiled
 def _nearest(cores: Cores, v: Array) -> bool:
-    """Find the point v of the simplex nearest to the origin and drop the corners that it does not need; False if the origin is inside."""
+    """Find the point v of the simplex nearest to the origin, and drop the corners that it does not need. Return False if the origin is inside."""
     W, weights, count = cores.W, cores.weights, cores.size[0]
     trial, best = cores.trial, FAR
     if count == 1:
@@ -267,7 +251,7 @@ def _copy(one: Cores | Simplex, v: Array, to: Cores | Simplex, to_v: Array) -> N
 
 @compiled
 def core_distance(shapes: Shapes, cores: Cores, reach: float) -> float:
-    """Distance of the cores, which gives n, xa and xb; 0 if they overlap, `FAR` if they are farther apart than reach (m)."""
+    """Return the distance of the cores, and set n, xa and xb. Return 0 if they overlap, `FAR` if they are farther apart than reach (m)."""
     v, kept, last = cores.v, cores.kept, cores.last
     for i in range(3):
         v[i] = cores.n[i]
@@ -289,18 +273,19 @@ def core_distance(shapes: Shapes, cores: Cores, reach: float) -> float:
         cores.size[0] += 1
         if not _nearest(cores, v):
             return 0.0
-        if dot(v, v) >= square:  # rounding: no nearer
+        if dot(v, v) >= square:  # no nearer, because of rounding
             _copy(kept, last, cores, v)
             break
         square = dot(v, v)
     _conclude(cores, v)
-    # Of all that is known of the distance, what the supports say along n is the surest: n has the smallest error.
+    # The gap of the supports along n is the most accurate value of the distance, as n has the smallest error.
     return core_gap(shapes, cores, cores.n) + dot(cores.shift, cores.n)
 
 
 @compiled
 def _conclude(cores: Cores, v: Array) -> None:
-    """Closest points and direction of a finished simplex; of one with three corners it is the normal, which no small distance spoils."""
+    """Set closest points and direction of a finished simplex. The direction of one with three corners is its normal, which stays exact at small
+    distances."""
     n, W = cores.n, cores.W
     for i in range(3):
         cores.xa[i] = cores.xb[i] = 0.0
@@ -310,7 +295,7 @@ def _conclude(cores: Cores, v: Array) -> None:
     length = math.sqrt(dot(v, v))
     for i in range(3):
         n[i] = v[i] / length
-    # On the border of the triangle the nearest point is that of an edge, and rounding alone keeps the third corner.
+    # On the border of the triangle the nearest point lies on an edge, and the third corner is there only because of rounding.
     if cores.size[0] != 3 or min(cores.weights[0], cores.weights[1], cores.weights[2]) < 1e-9:
         return
     ux, uy, uz = W[1, 0] - W[0, 0], W[1, 1] - W[0, 1], W[1, 2] - W[0, 2]

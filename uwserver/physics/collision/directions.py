@@ -1,9 +1,10 @@
-"""In which direction two near shapes touch: exact from the shapes where they are apart, from an engine's word where they overlap (compiled).
+"""Finds the direction in which two near shapes touch: exactly from the shapes if they are apart, from the answer of an engine if they overlap
+(compiled).
 
-Apart, the line between the closest points says it, and no engine is asked. Of convex shapes that overlap an engine says the shortest way
-out, to its own rounding; here it is made exact: with one shape moved out along it and a little farther, they are apart again, and the line
-between their closest points is the way out that lies nearest to what the engine said. The ways out of a triangle are few, along its normal or
-over one of its edges: they are tried in turn.
+For shapes that are apart it is the line between their closest points, and no engine is needed. For convex shapes that overlap an engine gives the
+shortest way out, with its own rounding. Here that is made exact: with one shape moved out along it and a little farther, the shapes are apart again,
+and the line between their closest points is the exact way out nearest to the engine's answer. A triangle has few ways out, along its normal or over
+one of its edges: they are tried in turn.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from uwserver.physics.collision.closest import shape_distance
 from uwserver.physics.collision.cores import FAR, Cores, core_gap, core_radius, new_cores
 from uwserver.physics.collision.faces import SHALLOW, out_of_face, over_triangle, triangle_side
 from uwserver.physics.collision.manifold import Work, new_work
+from uwserver.physics.geometry.mesh import triangles_in
 from uwserver.physics.geometry.slots import HALF_SPACE, MESH, Shapes
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
@@ -26,10 +28,10 @@ from uwserver.physics.kernel.linear import dot
 LINE = 7
 """Columns of a line: direction (3) from b to a, point on b (3), gap."""
 _CLEAR = 1e-3
-"""m; by how much shapes that overlap are moved apart beyond their touch."""
+"""m; the gap to which overlapping shapes are moved apart."""
 _TURNS = 32
 _SETTLED = 1e-11
-"""A direction that turns by less than this from one turn to the next is exact: what is left is rounding."""
+"""A direction that turns by less than this from one turn to the next is exact: the rest is rounding."""
 
 _shapes_at = arrays_at(Shapes, SEARCH)
 _reach_at, _low_at, _high_at = array_at(SEARCH, "reach"), array_at(SEARCH, "low"), array_at(SEARCH, "high")
@@ -47,7 +49,8 @@ def _set_pair(shapes: Shapes, a: int, b: int, triangle: int, cores: Cores) -> No
 
 @compiled
 def start_direction(shapes: Shapes, a: int, b: int, triangle: int, n: Array) -> None:
-    """A direction n (3) to begin with: the normal of a triangle, outward or towards the shape; or that between the middles of two shapes."""
+    """Write a first direction to n (3): the normal of a triangle, outward or towards the shape, or the direction between the centres of two
+    shapes."""
     if triangle >= 0:
         triangle_side(shapes, a, b, triangle, n)
         return
@@ -64,7 +67,8 @@ def start_direction(shapes: Shapes, a: int, b: int, triangle: int, n: Array) -> 
 
 @compiled
 def apart(shapes: Shapes, a: int, b: int, triangle: int, reach: float, cores: Cores, line: Array) -> int:
-    """The line between two shapes, or a shape and a triangle: 1 if there is one, 0 if they are farther than reach (m), -1 if they overlap."""
+    """Find the line between two shapes, or a shape and a triangle. Return 1 if there is one, 0 if they are farther apart than reach (m), -1 if
+    they overlap."""
     _set_pair(shapes, a, b, triangle, cores)
     start_direction(shapes, a, b, triangle, cores.n)
     distance = shape_distance(shapes, cores, reach)
@@ -85,7 +89,8 @@ def apart(shapes: Shapes, a: int, b: int, triangle: int, reach: float, cores: Co
 
 @compiled
 def way_out(shapes: Shapes, a: int, b: int, triangle: int, cores: Cores, line: Array) -> bool:
-    """Make the direction of a line exact, along which two overlapping shapes come apart. False if it is none; the line then stays as it is."""
+    """Make the direction of a line exact, along which two overlapping shapes come apart. Return False if it is no way out; the line then stays as
+    it is."""
     _set_pair(shapes, a, b, triangle, cores)
     n, best = line[:3].copy(), -FAR
     found = False
@@ -115,7 +120,7 @@ def way_out(shapes: Shapes, a: int, b: int, triangle: int, cores: Cores, line: A
 
 @compiled
 def out_of_triangle(shapes: Shapes, a: int, b: int, triangle: int, cores: Cores, line: Array) -> bool:
-    """The shortest way out of a triangle that a shape overlaps; False if none was found."""
+    """Find the shortest way out of a triangle that a shape overlaps. Return False if there is none."""
     other, normal = np.zeros(LINE), np.empty(3)
     start_direction(shapes, a, b, triangle, line[:3])
     for i in range(3):
@@ -136,7 +141,7 @@ def out_of_triangle(shapes: Shapes, a: int, b: int, triangle: int, cores: Cores,
             other[i] /= math.sqrt(square)
         if not way_out(shapes, a, b, triangle, cores, other):
             continue
-        # Not through a seabed.
+        # Never to the inner side of a seabed.
         if shapes.slots[b].oriented != 0 and dot(other[:3], normal) < -1e-9:
             continue
         if not found or other[6] > line[6] + 1e-9:
@@ -144,50 +149,6 @@ def out_of_triangle(shapes: Shapes, a: int, b: int, triangle: int, cores: Cores,
                 line[i] = other[i]
             found = True
     return found
-
-
-@compiled
-def _cell_of(x: float, slot_origin: float, size: float, cells: int) -> int:
-    return int(min(max(math.floor((x - slot_origin) / size), 0), cells - 1))
-
-
-@compiled
-def triangles_in(shapes: Shapes, s: int, low: Array, high: Array, found: Array) -> int:
-    """Triangles of the mesh in a slot whose boxes meet the box from `low` to `high` (N), each once, into `found` as far as they fit.
-
-    Returns how many there are. A triangle is counted in the first of those cells that it shares with the box.
-    """
-    slot, start = shapes.slots[s], shapes.cell_start
-    first, last, here = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(3, np.int64)
-    count = 0
-    for i in range(3):
-        if high[i] < slot.centre[i] - slot.half[i] or low[i] > slot.centre[i] + slot.half[i]:
-            return 0
-        first[i] = _cell_of(low[i], slot.cell_origin[i], slot.cell_size, slot.cells[i])
-        last[i] = _cell_of(high[i], slot.cell_origin[i], slot.cell_size, slot.cells[i])
-    for cx in range(first[0], last[0] + 1):
-        for cy in range(first[1], last[1] + 1):
-            for cz in range(first[2], last[2] + 1):
-                here[0], here[1], here[2] = cx, cy, cz
-                cell = slot.cell_first + (cx * slot.cells[1] + cy) * slot.cells[2] + cz
-                for m in range(start[cell], start[cell + 1]):
-                    k = shapes.cell_triangles[m]
-                    ours = True
-                    for i in range(3):
-                        p = shapes.vertices[shapes.triangles[k, 0], i]
-                        q, r = shapes.vertices[shapes.triangles[k, 1], i], shapes.vertices[shapes.triangles[k, 2], i]
-                        least, most = min(p, q, r), max(p, q, r)
-                        ours = ours and least <= high[i] and most >= low[i]
-                        # As `mesh.fill_cells` puts it into cells.
-                        begin = _cell_of(
-                            least - 1e-3 * slot.cell_size, slot.cell_origin[i], slot.cell_size, slot.cells[i]
-                        )
-                        ours = ours and here[i] == max(begin, first[i])
-                    if ours:
-                        if count < len(found):
-                            found[count] = k
-                        count += 1
-    return count
 
 
 @compiled
@@ -212,17 +173,17 @@ def _add_line(
 
 @entry
 def find_lines(table: Array, pairs: Array, first: Array, lines: Array, overlapping: Array) -> int:
-    """Lines between all near pairs.
+    """Find the lines between all near pairs.
 
     Args:
         table: made by `broad_phase.SEARCH`.
         pairs: (m, 2) slots; a mesh stands second.
         first: (m + 1) receives where each pair's lines begin.
-        lines: (k, LINE) receives them as far as they fit; of convex shapes that overlap a direction to begin with, if an engine has none.
-        overlapping: (k) receives which these are.
+        lines: (k, LINE) receives them as far as they fit; for convex shapes that overlap, a first direction in case the engine gives none.
+        overlapping: (k) receives which lines are of that kind.
 
     Returns:
-        How many lines there are.
+        The number of lines.
     """
     shapes, reach, low, high = _shapes_at(table), _reach_at(table), _low_at(table), _high_at(table)
     cores, work, near, line = new_cores(), new_work(), np.empty(256, np.int64), np.empty(LINE)
@@ -248,9 +209,9 @@ def find_lines(table: Array, pairs: Array, first: Array, lines: Array, overlappi
 
 @entry
 def refine_lines(table: Array, pairs: Array, first: Array, lines: Array, overlapping: Array) -> int:
-    """Make the lines of overlapping shapes exact, whose directions an engine has given; arguments as `find_lines`.
+    """Make the lines of overlapping shapes exact, whose directions an engine has given; arguments as for `find_lines`.
 
-    Returns how many could not be: they have no gap (inf) and give no contact.
+    Return the number of lines that cannot be made exact: their gap becomes inf, and they give no contact.
     """
     shapes, cores = _shapes_at(table), new_cores()
     failed = 0

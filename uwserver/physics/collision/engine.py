@@ -1,7 +1,7 @@
-"""What `solids` asks of a collision engine, and which engine there is: one question, the shortest way out of an overlap.
+"""The contract of a collision engine, and which engine is used. An engine answers one question: the shortest way out of an overlap.
 
-All engines give the same contacts, as `directions` makes each answer exact. They differ where two ways out are equally long, and where
-shapes are deep in each other.
+All engines lead to the same contacts, as `directions` makes each answer exact. They differ if two ways out are equally long, or if shapes are deep in
+each other.
 """
 
 from __future__ import annotations
@@ -19,47 +19,47 @@ if TYPE_CHECKING:
 
 AUTO = "auto"
 _AXIS = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
-"""Axis x of our cylinders and capsules is axis z of the engines'."""
+"""Axis x of our cylinders and capsules is axis z of those of the engines."""
 
 
 class Pose(NamedTuple):
-    """Where an engine's shape is: position (3) in N, m, and attitude (4), x y z w."""
+    """Place of an engine's shape: position (3) in N, m, and attitude (4), x y z w."""
 
     p: FloatArray
     q: FloatArray
 
 
 class Engine(Protocol):
-    """One world of convex shapes. Not thread-safe. What it answers depends on its arguments alone, not on what it was asked before."""
+    """One world of convex shapes. Not thread-safe. Its answers depend on the arguments alone, not on earlier questions."""
 
     name: str
 
     def add(self, placed: Placed, rows: Part) -> int:
-        """Take a convex shape; returns its handle. Raises BadSolid if it cannot."""
+        """Take a convex shape and return its handle. Raise BadSolid if that is impossible."""
 
     def close(self) -> None:
-        """Give everything back; may be called twice."""
+        """Free everything; may be called twice."""
 
     def way_out(self, a: int, pose_a: Pose, b: int, pose_b: Pose) -> FloatArray:
-        """The direction (3) in N in which shape a comes out of shape b soonest; NaN if the engine knows none."""
+        """Return the direction (3) in N in which shape a leaves shape b by the shortest way; NaN if the engine knows none."""
 
 
 def engine_attitude(placed: Placed) -> tuple[float, float, float, float]:
-    """Attitude of an engine's shape (w x y z) in the solid."""
+    """Return the attitude of an engine's shape (w x y z) in the solid."""
     return multiply(placed.q, _AXIS) if isinstance(placed.shape, Cylinder | Capsule) else placed.q
 
 
 _PACKAGES = {"bullet": "pybullet", "coal": "coal"}
 ENGINES = tuple(_PACKAGES)
-"""Names, in the order in which "auto" looks for them: recordings made so far are Bullet's, which has no wheels from CPython 3.12 on."""
+"""Names in the order in which "auto" looks for them. Recordings made so far used Bullet, which has no wheels from CPython 3.12 on."""
 
 
 def missing_engine(name: str = AUTO, instead: bool = True) -> str | None:
-    """Why an engine cannot be had, and what to do; None if it can. Nothing is imported.
+    """Return why an engine is not available and what to do; None if it is available. Nothing is imported.
 
     Args:
         name: of `ENGINES`, or "auto".
-        instead: whether to tell of another that is installed.
+        instead: whether to name another engine that is installed.
     """
     if name == AUTO:
         if any(find_spec(package) for package in _PACKAGES.values()):
@@ -74,7 +74,7 @@ def missing_engine(name: str = AUTO, instead: bool = True) -> str | None:
 
 
 def chosen_engine(name: str = AUTO) -> str:
-    """What "auto" stands for on this machine: the first engine that is installed, or "auto" if none is. Other names stand for themselves."""
+    """Return the engine for "auto" on this machine: the first that is installed, or "auto" if none is. Other names are returned unchanged."""
     if name != AUTO:
         return name
     return next((engine for engine, package in _PACKAGES.items() if find_spec(package)), AUTO)

@@ -1,7 +1,7 @@
-"""Shapes that lie on a face of another, or no deeper than a millimetre in it: their line at once, without a search (compiled).
+"""Finds the line of shapes that lie on a face of another, or at most a millimetre deep in it, without a search (compiled).
 
-Almost all that rests does so, and its line is the face's normal: of convex shapes that just overlap, the best of the normals of their faces;
-of a triangle, its own. What is found is as exact as the shapes are. Everything else is left to `directions`.
+Almost all contacts at rest are of this kind, and their line is the normal of the face: for convex shapes that just overlap the best of the normals of
+their faces, for a triangle its own. The result is as exact as the shapes. All other cases are left to `directions`.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.kernel.linear import dot
 
 SHALLOW = -1e-3
-"""m; a shape that is no deeper than this in a face, along its normal, comes out along it."""
+"""m; a shape that is no deeper than this in a face, along its normal, leaves it along the normal."""
 _LEVEL = 3e-3
-"""Cosine between a round shape's axis and a normal below which the shape lies on its side; as `FLAT`."""
+"""Cosine between the axis of a round shape and a normal below which the shape lies on its side; as `FLAT`."""
 _MOST = 4096
-"""Corners times faces; of larger pairs the search for the best face would take longer than an engine's answer."""
+"""Largest product of corners and faces. For larger pairs the search for the best face would take longer than an engine."""
 
 
 @compiled
 def triangle_side(shapes: Shapes, a: int, b: int, triangle: int, n: Array) -> None:
-    """The normal n (3) of a triangle: outward, or that towards the middle of shape a if its mesh is a sheet."""
+    """Write to n (3) the normal of a triangle: outward, or towards the middle of shape a if the mesh is a sheet."""
     height = 0.0
     for i in range(3):
         x = shapes.P[a, i] + dot(shapes.R[a, i], shapes.slots[a].centre)
@@ -48,7 +48,8 @@ def triangle_side(shapes: Shapes, a: int, b: int, triangle: int, n: Array) -> No
 
 @compiled
 def _lowest_over(shapes: Shapes, s: int, cuts: int, t: Array, cores: Cores, work: Work, x: Array) -> float:
-    """Height (m) of the lowest point x (3) of a shape over the feature that cuts, whose outward normal is t; FAR if none is over it."""
+    """Find the lowest point x (3) of a shape over the feature that cuts, whose outward normal is t. Return its height (m); FAR if no point is over
+    it."""
     slot, R, ring, d = shapes.slots[s], shapes.R[s], work.ring, cores.trial
     for i in range(3):
         d[i] = -t[i]
@@ -75,7 +76,7 @@ def _lowest_over(shapes: Shapes, s: int, cuts: int, t: Array, cores: Cores, work
 
 @compiled
 def _gap_along(shapes: Shapes, s: int, n: Array, origin: Array, d: Array) -> float:
-    """How far (m) a shape is beyond the plane through `origin` with the normal n; d (3) is for passing use."""
+    """Return the distance (m) of a shape beyond the plane through `origin` with the normal n; d (3) is work space."""
     for i in range(3):
         d[i] = -n[i]
     return -support(shapes.slots[s], shapes.P[s], shapes.R[s], d, shapes.vertices) - dot(origin, n)
@@ -83,7 +84,7 @@ def _gap_along(shapes: Shapes, s: int, n: Array, origin: Array, d: Array) -> flo
 
 @compiled
 def _is_beside(shapes: Shapes, s: int, reach: float, t: Array, cores: Cores, work: Work) -> bool:
-    """Whether a shape is farther than reach (m) beyond a side of the triangle that cuts, whose normal is t."""
+    """Return whether a shape is farther than reach (m) beyond a side of the triangle that cuts, whose normal is t."""
     cut, across = work.cut, work.face
     for e in range(3):
         f = (e + 1) % 3
@@ -101,9 +102,10 @@ def _is_beside(shapes: Shapes, s: int, reach: float, t: Array, cores: Cores, wor
 def over_triangle(
     shapes: Shapes, a: int, b: int, triangle: int, reach: float, cores: Cores, work: Work, line: Array
 ) -> int:
-    """The line between a shape and a triangle if it stands along the triangle's normal: 1 if so, 0 if they are farther apart than reach (m).
+    """Find the line between a shape and a triangle if it lies along the triangle's normal. Return 1 if so, 0 if they are farther apart than reach
+    (m).
 
-    -1 if only a search can tell.
+    Return -1 if only a search can find the line.
     """
     n, x = line[:3], line[3:6]
     triangle_side(shapes, a, b, triangle, n)
@@ -124,7 +126,8 @@ def over_triangle(
 
 @compiled
 def _best_face(shapes: Shapes, owner: int, other: int, normal: Array) -> float:
-    """The outward normal (3) of that face of a shape along which another is least deep in it, and their gap along it; -FAR if it has none."""
+    """Find the face of a shape along whose outward normal (3) another shape is least deep in it. Return their gap along it; -FAR if the shape has
+    no face."""
     slot, P, R = shapes.slots[owner], shapes.P[owner], shapes.R[owner]
     best, t = -FAR, np.empty(3)
     count = 2 if slot.kind == CYLINDER else (slot.face_count if slot.kind == POLYHEDRON else 0)
@@ -139,7 +142,7 @@ def _best_face(shapes: Shapes, owner: int, other: int, normal: Array) -> float:
                 t[i] = dot(R[i], shapes.face_normals[f])
             offset = dot(shapes.face_normals[f], shapes.vertices[shapes.face_vertices[shapes.face_start[f]]])
         gap = -support(shapes.slots[other], shapes.P[other], shapes.R[other], -t, shapes.vertices) - offset - dot(P, t)
-        if gap > best + 1e-12:  # the first of equals, whatever the rounding
+        if gap > best + 1e-12:  # of equal ones take the first, whatever the rounding
             best = gap
             for i in range(3):
                 normal[i] = t[i]
@@ -148,7 +151,7 @@ def _best_face(shapes: Shapes, owner: int, other: int, normal: Array) -> float:
 
 @compiled
 def out_of_face(shapes: Shapes, a: int, b: int, cores: Cores, work: Work, line: Array) -> bool:
-    """The line between two convex shapes that just overlap, if it stands along the normal of a face that the other shape is over."""
+    """Find the line between two convex shapes that just overlap, if it lies along the normal of a face that the other shape is over."""
     slots, t = shapes.slots, work.t
     size_a, size_b = slots[a].vertex_count * slots[b].face_count, slots[b].vertex_count * slots[a].face_count
     if size_a > _MOST or size_b > _MOST:

@@ -1,6 +1,6 @@
-"""Contact points between two features, and the few of them that a solver needs (compiled).
+"""Contact points between two features, and the selection of the few that a solver needs (compiled).
 
-A contact has the columns of `contacts.NUMBERS`; its key stands beside it.
+A contact has the columns of `contacts.NUMBERS`; its key is kept in another array.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from uwserver.physics.kernel.linear import dot
 CANDIDATES = 256
 """Most points of one pair before they are reduced."""
 FULL = 96
-"""From here on they are thinned out, as on a mesh much finer than the body."""
+"""Number of points from which on they are thinned out, as on a mesh much finer than the body."""
 KEPT = 4
 """Points kept of each group of like normals."""
 SAME_DEPTH = 2e-3
-"""m; points this near to the deepest are preferred to those farther out."""
+"""m; points that are nearly as deep as the deepest, by this, are preferred to points farther out."""
 FLAT = 1.0 - 5e-6
-"""Cosine above which a direction is that of a face: 3 mrad, an engine's rounding in bad cases."""
+"""Cosine above which a direction counts as that of a face: 3 mrad, the rounding of an engine in bad cases."""
 _LIKE = 0.866
-"""Cosine between normals of one group: 30 degrees."""
+"""Cosine between the normals of one group: 30 degrees."""
 _CROSSING = 256
-"""Codes above this belong to crossings of edges, below to corners."""
+"""Codes from this on belong to crossings of edges, those below to corners."""
 
 
 class Work(NamedTuple):
-    """Work space of one pair.
+    """Work space for one pair.
 
     Attributes:
-        ring, codes: corners (k, 3) of the feature that is cut, and a number of each.
-        kept, kept_codes: the same of what a side leaves of it.
-        cut, cut_codes: of the feature that cuts.
+        ring, codes: corners (k, 3) of the feature that is cut, and a number for each.
+        kept, kept_codes: the same for the part that remains after a cut.
+        cut, cut_codes: the same for the feature that cuts.
         contacts, keys: (CANDIDATES, NUMBERS) and (CANDIDATES) found so far.
         t, face: (3) normals.
     """
@@ -57,7 +57,7 @@ class Work(NamedTuple):
 
 @compiled
 def new_work() -> Work:
-    """Work space for any pair, in two blocks of memory, as each costs a tenth of a microsecond."""
+    """Return work space for any pair. It is made of few blocks of memory, as each takes a tenth of a microsecond."""
     rows, codes = np.empty((9 * RING + 2, 3)), np.empty(9 * RING + CANDIDATES, np.int64)
     return Work(
         rows[: 4 * RING], codes[: 4 * RING], rows[4 * RING : 8 * RING], codes[4 * RING : 8 * RING],
@@ -68,7 +68,7 @@ def new_work() -> Work:
 
 @compiled
 def cut_by_triangle(shapes: Shapes, k: int, t: Array, work: Work) -> None:
-    """Make triangle k of a mesh the feature that cuts, counter-clockwise about t, its normal or, of a sheet, the opposite."""
+    """Make triangle k of a mesh the feature that cuts, counter-clockwise about t: its normal, or the opposite for the other side of a sheet."""
     cut, across = work.cut, work.face
     for i in range(3):
         for c in range(3):
@@ -85,7 +85,7 @@ def cut_by_triangle(shapes: Shapes, k: int, t: Array, work: Work) -> None:
 
 @compiled
 def clip(work: Work, count: int, cuts: int, t: Array) -> int:
-    """Clip the polygon work.ring of `count` corners by the sides of another, as projected along t. Returns its corner count.
+    """Clip the polygon work.ring of `count` corners by the sides of another, projected along t. Return its number of corners.
 
     Sutherland and Hodgman 1974. work.cut, of `cuts` corners, is counter-clockwise about t; with two corners it is a line, cut at its ends.
     """
@@ -125,11 +125,11 @@ def add_polygon(work: Work, count: int, origin: Array, t: Array, on_a: bool, cod
 
     Args:
         on_a: the polygon is of a and the plane of b; otherwise the other way round.
-        code: of the feature under a crossing; a corner's key does not depend on it.
+        code: that of the feature under a crossing; the key of a corner does not depend on it.
         reach: m; farther corners are left out.
 
     Returns:
-        How many contacts there are.
+        The number of contacts.
     """
     ring, codes, contacts, keys = work.ring, work.codes, work.contacts, work.keys
     for k in range(count):
@@ -152,7 +152,7 @@ def add_polygon(work: Work, count: int, origin: Array, t: Array, on_a: bool, cod
 
 @compiled
 def _facing(t: Array) -> int:
-    """0..5: the axis that t follows most, and its sense; so a corner on floor and wall has two keys."""
+    """Return the axis along which t mainly points, and its sense, as 0 to 5. So a corner on floor and wall has two keys."""
     axis = 0
     for i in range(1, 3):
         if abs(t[i]) > abs(t[axis]):
@@ -162,7 +162,7 @@ def _facing(t: Array) -> int:
 
 @compiled
 def add_point(work: Work, x: Array, normal: Array, top_b: float, gap: float, key: int, n: int) -> int:
-    """Add one contact to n others: at x, moved along the normal to midway between the surfaces, b's being at x . normal = top_b."""
+    """Add one contact to n others: at x, moved along the normal to midway between the surfaces. The surface of b is at x . normal = top_b."""
     contacts, keys = work.contacts, work.keys
     if n >= len(contacts):
         return n
@@ -176,10 +176,10 @@ def add_point(work: Work, x: Array, normal: Array, top_b: float, gap: float, key
 
 @compiled
 def reduce(contacts: Array, keys: Array, n: int, chosen: Array) -> int:
-    """Choose at most `KEPT` contacts of each group of like normals; their numbers go to `chosen`, in order. Returns how many.
+    """Choose at most `KEPT` contacts of each group of like normals; write their numbers to `chosen`, in order. Return their number.
 
-    A group begins with the deepest contact that is in none yet. In it the deepest comes first, then those that lie most spread; those
-    almost as deep before all others, so that a body rests on what it touches.
+    A group begins with the deepest contact that is in no group yet. The deepest is chosen first, then the ones that are most spread out. Contacts
+    that are almost as deep come before all others, so that a body rests on the points that it touches.
     """
     free = np.ones(n, np.bool_)
     for k in range(n):
@@ -213,7 +213,7 @@ def reduce(contacts: Array, keys: Array, n: int, chosen: Array) -> int:
 
 @compiled
 def _duplicates(a: Array, b: Array, same_feature: bool) -> bool:
-    """Whether two contacts are one: at one place or of one feature, and of like normals."""
+    """Return whether two contacts are the same: at one place or of one feature, and with like normals."""
     if dot(a[3:6], b[3:6]) <= _LIKE:
         return False
     return same_feature or (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2 < 1e-12
@@ -221,7 +221,7 @@ def _duplicates(a: Array, b: Array, same_feature: bool) -> bool:
 
 @compiled
 def thin_out(work: Work, n: int) -> int:
-    """Keep what `reduce` would choose of the n contacts so far, at the front. Returns how many."""
+    """Move those of the n contacts that `reduce` would choose to the front. Return their number."""
     contacts, keys = work.contacts, work.keys
     chosen = np.empty(8 * KEPT, np.int64)
     count = reduce(contacts, keys, n, chosen)
@@ -232,14 +232,14 @@ def thin_out(work: Work, n: int) -> int:
 
 @compiled
 def _before(contacts: Array, keys: Array, k: int, other: int) -> bool:
-    """Deeper, or as deep with a lower key; to a nanometre, so that rounding does not choose."""
+    """Return whether a contact is deeper, or as deep with a lower key. Depths are compared to a nanometre, so that rounding does not decide."""
     a, b = contacts[k, 6], contacts[other, 6]
     return bool(a < b - 1e-9 or (a <= b + 1e-9 and keys[k] < keys[other]))
 
 
 @compiled
 def _most_spread(contacts: Array, n: int, free: Array, picked: Array, limit: float) -> int:
-    """The free contact of the group that lies farthest from those picked and the lines between them; -1 if none does by 1 mm."""
+    """Return the free contact of the group that is farthest from the chosen ones and the lines between them; -1 if none is more than 1 mm away."""
     first = contacts[picked[0]]
     best, most = -1, 1e-3
     for k in range(n):
@@ -256,7 +256,7 @@ def _most_spread(contacts: Array, n: int, free: Array, picked: Array, limit: flo
 
 @compiled
 def _off_segment(a: Array, b: Array, x: Array) -> float:
-    """Distance of x from the segment from a to b; the points stand in the first three columns."""
+    """Return the distance of x from the segment from a to b; the points are in the first three columns."""
     along = square = 0.0
     for i in range(3):
         along += (x[i] - a[i]) * (b[i] - a[i])

@@ -1,9 +1,9 @@
-"""From the lines between near pairs to contacts (compiled).
+"""Makes contacts from the lines between near pairs (compiled).
 
-`directions` gives of each pair the lines along which the shapes are nearest, or least inside each other. Made of them here, from the exact
-shapes and from the poses alone: the normal of a face, where the direction is almost that of one, so that a body which lies on it does not
-rock; all points of two features that lie flat on each other, where a line is one point; and no contact where a body would catch on an edge
-inside a smooth surface.
+`directions` gives for each pair the lines along which the shapes are nearest, or least deep in each other. Here, from the exact shapes and the poses
+alone, they become contacts. If the direction is almost that of a face, its normal is used, so that a body that lies on it does not rock. If two
+features lie flat on each other, all their points are used, as a line is only one point. A contact is dropped if a body would catch on an edge inside
+a smooth surface.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from uwserver.physics.kernel.handles import array_at, arrays_at
 from uwserver.physics.kernel.linear import dot
 
 _DEEP = -2e-3
-"""m; deeper than this in a mesh a body is pushed out although no feature explains how."""
+"""m; a body that is deeper than this in a mesh is pushed out although no feature explains the contact."""
 _POINT = 1 << 33
-"""Keys of single points, beside those of corners and crossings."""
+"""Offset of the keys of single points from those of corners and crossings."""
 
 _shapes_at = arrays_at(Shapes, SEARCH)
 _reach_at = array_at(SEARCH, "reach")
@@ -42,7 +42,7 @@ _reach_at = array_at(SEARCH, "reach")
 
 @compiled
 def _face_contacts(shapes: Shapes, a: int, b: int, n: Array, reach: float, work: Work, count: int) -> int:
-    """Contacts of two convex shapes whose nearest direction n (b to a) is that of a face of one; none if it is of neither."""
+    """Add contacts of two convex shapes whose nearest direction n (b to a) is that of a face of one of them. If it is not, try `_line_contacts`."""
     slots, R, t, face = shapes.slots, shapes.R, work.t, work.face
     d = -n
     of_a = support_face(slots[a], R[a], d, shapes.face_normals, t)
@@ -62,7 +62,7 @@ def _face_contacts(shapes: Shapes, a: int, b: int, n: Array, reach: float, work:
 
 @compiled
 def _line_contacts(shapes: Shapes, a: int, b: int, n: Array, reach: float, work: Work, count: int) -> int:
-    """Contacts of two round sides whose lines run along each other."""
+    """Add contacts of two round sides whose lines run along each other."""
     if shapes.slots[a].kind > CYLINDER or shapes.slots[b].kind > CYLINDER:
         return count
     d = -n
@@ -79,7 +79,7 @@ def _line_contacts(shapes: Shapes, a: int, b: int, n: Array, reach: float, work:
 
 @compiled
 def convex_pair(shapes: Shapes, a: int, b: int, found: Array, reach: float, work: Work) -> int:
-    """Contacts of two convex shapes from their lines `found` (k, 7): direction (b to a), point on b, gap."""
+    """Find contacts of two convex shapes from their lines `found` (k, 7): direction (b to a), point on b, gap."""
     slots, P, R, contacts = shapes.slots, shapes.P, shapes.R, work.contacts
     count = 0
     for j in range(len(found)):
@@ -92,7 +92,7 @@ def convex_pair(shapes: Shapes, a: int, b: int, found: Array, reach: float, work
             deepest = min(deepest, contacts[k, 6])
         top = support(slots[b], P[b], R[b], n, shapes.vertices)
         gap = -support(slots[a], P[a], R[a], -n, shapes.vertices) - top
-        # Features that miss each other leave the one point that is nearest.
+        # If the features miss each other, only the nearest point remains.
         if gap <= reach and (count == 0 or gap < deepest - 1e-4):
             count = add_point(work, found[j, 3:6], n, top, gap, _POINT + j, count)
     return count
@@ -100,7 +100,7 @@ def convex_pair(shapes: Shapes, a: int, b: int, found: Array, reach: float, work
 
 @compiled
 def half_space_pair(shapes: Shapes, a: int, b: int, reach: float, work: Work) -> int:
-    """Contacts of a convex shape with a half-space, which needs no engine."""
+    """Find contacts of a convex shape with a half-space."""
     t = work.t
     for i in range(3):
         t[i] = -shapes.R[b, i, 2]
@@ -111,7 +111,7 @@ def half_space_pair(shapes: Shapes, a: int, b: int, reach: float, work: Work) ->
 
 @compiled
 def mesh_pair(shapes: Shapes, a: int, b: int, found: Array, reach: float, work: Work) -> int:
-    """Contacts of a convex shape with a mesh from their lines `found` (k, 7), one for each near triangle."""
+    """Find contacts of a convex shape with a mesh from their lines `found` (k, 7), one for each near triangle."""
     slots, normals = shapes.slots, shapes.triangle_normals
     here, done = np.empty(AT_POINT, np.int64), np.empty(256, np.int64)
     x, flip = np.empty(3), np.empty(3)
@@ -154,7 +154,7 @@ def mesh_pair(shapes: Shapes, a: int, b: int, found: Array, reach: float, work: 
 
 @compiled
 def _triangle_contacts(shapes: Shapes, a: int, k: int, t: Array, reach: float, work: Work, count: int) -> int:
-    """Contacts of what a shape shows to the plane of a triangle, over the triangle, whose normal towards the shape is t."""
+    """Add contacts of the feature of a shape that faces the plane of a triangle, over the triangle, whose normal towards the shape is t."""
     cut_by_triangle(shapes, k, t, work)
     d = work.face
     for i in range(3):
@@ -168,7 +168,7 @@ def _triangle_contacts(shapes: Shapes, a: int, k: int, t: Array, reach: float, w
 def _edge_contacts(
     shapes: Shapes, a: int, x: Array, n: Array, here: Array, meeting: int, reach: float, work: Work, count: int
 ) -> int:
-    """Contacts with an edge or a corner of the surface at x: all of the edge that a face of the shape lies on, or one point."""
+    """Add contacts with an edge or a corner of the surface at x: along the whole edge if a face of the shape lies on it, otherwise one point."""
     slot, P, R, t, ring, codes = shapes.slots[a], shapes.P[a], shapes.R[a], work.t, work.ring, work.codes
     d = -n
     before = count
@@ -191,7 +191,7 @@ def _edge_contacts(
 
 @compiled
 def _deepest_point(shapes: Shapes, a: int, found: Array, reach: float, work: Work) -> int:
-    """The deepest line as it is, where a shape is inside the surface and no feature explains how."""
+    """Add the deepest line as a contact, if a shape is inside the surface and no feature explains it."""
     best = -1
     for j in range(len(found)):
         if found[j, 6] < _DEEP and (best < 0 or found[j, 6] < found[best, 6]):
@@ -215,7 +215,7 @@ def find_contacts(
     keys: Array,
     coefficients: Array,
 ) -> int:
-    """Contacts of all near pairs, reduced.
+    """Find the contacts of all near pairs, reduced to the few that matter.
 
     Args:
         table: made by `broad_phase.SEARCH`.
@@ -223,7 +223,7 @@ def find_contacts(
         rows, numbers, keys, coefficients: receive rows of a and b (k, 2), `NUMBERS` columns, keys, and friction and restitution (k, 2).
 
     Returns:
-        How many there are, as far as they fit.
+        The number of contacts that fit.
     """
     shapes, reach, work = _shapes_at(table), _reach_at(table), new_work()
     slots = shapes.slots

@@ -1,8 +1,8 @@
-"""Everything solid in one world, and where its bodies touch.
+"""Everything solid in one world, and the search for contacts of its bodies.
 
-Which shapes come near each other and where they touch is worked out from the exact shapes (`broad_phase`, `directions`, `narrow_phase`). An
-engine (`engine`) is asked one thing, the shortest way out of an overlap, and only about convex shapes that overlap otherwise than by lying
-on a face (`faces`).
+Which shapes come near each other, and where they touch, is computed from the exact shapes (`broad_phase`, `directions`, `narrow_phase`). An engine
+(`engine`) answers one question, the shortest way out of an overlap. It is asked only about convex shapes that overlap otherwise than by lying on a
+face (`faces`).
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from uwserver.physics.kernel.layout import addresses
 from uwserver.physics.kernel.straight import address_of, straight
 
 MARGIN = 0.005
-"""m; contacts are reported from this gap on, and from farther for what moves fast."""
+"""m; contacts are reported up to this gap, and up to larger ones for fast bodies."""
 _CONTACTS_AT_ONCE = 1024
-"""That compiled code finds; where there are more, Python looks."""
+"""Most contacts that compiled code finds; if there are more, Python searches."""
 _IDENTS, _MOVING_IDENTS, _SHAPES_OF_A_BODY = 16384, 12288, 16
-"""Numbers of shapes in keys; those of static shapes begin where those of 768 bodies end, beyond which keys may repeat."""
+"""Numbers of shapes in keys. Those of static shapes begin after those of 768 bodies; with more bodies keys may repeat."""
 
 
 @cache
@@ -47,7 +47,7 @@ def _find_pairs() -> Any:
 
 @cache
 def _codes() -> tuple[int, int, int]:
-    """Where the code of the three stages of the search lies, for kernels that call it (`kernel.calling`)."""
+    """Return the addresses of the code of the three stages of the search, for kernels that call it (`kernel.calling`)."""
     _, directions, narrow_phase = _kernels()
     lines: Any = directions.find_lines
     contacts: Any = narrow_phase.find_contacts
@@ -62,11 +62,11 @@ class Solids:
     """The solid things of one world, static or carried by rows of a state array. Not thread-safe. Close it, or use it in a `with`.
 
     Args:
-        gate: False looks at every pair, near or not, for tests: the contacts are the same.
-        ways: out of overlaps; default: those of the first engine that is installed.
-        stock: of what shapes are made of; default: an empty one.
+        gate: False searches every pair, near or not, for tests; the contacts are the same.
+        ways: finds ways out of overlaps; default: with the first engine that is installed.
+        stock: the arrays of shapes; default: an empty one.
 
-    Both may be those of other worlds that are stepped in the same thread.
+    Other worlds that are stepped in the same thread may share both.
 
     Raises:
         ImportError: no engine is installed.
@@ -86,7 +86,7 @@ class Solids:
         self._finding: Finding | None = None
 
     def close(self) -> None:
-        """Give back the engine's world."""
+        """Free the world of the engine."""
         self.ways.close()
 
     def __enter__(self) -> Solids:
@@ -103,15 +103,15 @@ class Solids:
     # -- what there is --------------------------------------------------------------------------------------------------------------
 
     def add_static(self, solid: Solid) -> int:
-        """Add something that never moves, its shapes placed in N. Returns its id.
+        """Add a solid that never moves, with its shapes placed in N. Return its id.
 
         Raises:
-            BadSolid: a shape that cannot be; nothing was added.
+            BadSolid: an impossible shape; nothing was added.
         """
         return self._add(solid, -1)
 
     def add_moving(self, solid: Solid, row: int) -> int:
-        """Add what the body in `row` of the state array carries, its shapes placed in B. Returns its id.
+        """Add a solid that the body in `row` of the state array carries, with its shapes placed in B. Return its id.
 
         Raises:
             BadSolid: as `add_static`; or a mesh or half-space, which must be static.
@@ -122,7 +122,7 @@ class Solids:
         return self._add(solid, row)
 
     def remove(self, solid_id: int) -> None:
-        """Take a solid away; KeyError if there is none of this id."""
+        """Remove a solid. Raise KeyError if no solid has this id."""
         del self._parts[solid_id]
         del self._rows_of[solid_id]
         self._is_stale = True
@@ -144,16 +144,16 @@ class Solids:
         return solid_id
 
     def _ident(self, row: int, k: int) -> int:
-        """Number of a shape in keys of contacts. Of what moves it follows from its row, so it does not depend on who else was ever there."""
+        """Return the number of a shape in keys of contacts. For a moving shape it follows from its row, so it does not depend on earlier solids."""
         if row >= 0:
             return (row * _SHAPES_OF_A_BODY + k) % _MOVING_IDENTS
         ident, self._next_part = self._next_part, self._next_part + 1
         return _MOVING_IDENTS + ident % (_IDENTS - _MOVING_IDENTS)
 
     def _rebuild(self) -> None:
-        """Arrays of all slots, those of moving bodies first: once for all that came and went since contacts were last looked for."""
+        """Make the arrays of all slots, those of moving bodies first. This is done once for all solids that came or went since the last search."""
         self._is_stale, self._finding = False, None
-        # By row: the order of contacts, too, must not depend on who came when.
+        # Sorted by row: the order of contacts must not depend on the order in which bodies came.
         moving = sorted((key for key, row in self._rows_of.items() if row >= 0), key=self._rows_of.__getitem__)
         static = [key for key, row in self._rows_of.items() if row < 0]
         entries = [entry for key in (*moving, *static) for entry in self._parts[key]]
@@ -181,9 +181,9 @@ class Solids:
     # -- contacts -------------------------------------------------------------------------------------------------------------------
 
     def find_contacts(self, state: FloatArray, dt: float) -> Contacts:
-        """Where bodies touch, or may touch within dt (s), at a state (n, 13) of p_NB, q_NB (w x y z) and nu.
+        """Find where bodies touch, or may touch within dt (s), at a state (n, 13) of p_NB, q_NB (w x y z) and nu.
 
-        At most four contacts of each pair of convex shapes (or shape and mesh) and direction. `NO_CONTACTS` when everybody is far away.
+        There are at most four contacts for each pair of convex shapes (or shape and mesh) and direction; `NO_CONTACTS` if all are far apart.
         """
         if self._is_stale:
             self._rebuild()
@@ -198,7 +198,7 @@ class Solids:
         return self._collect(pairs, first, lines)
 
     def finding(self) -> Finding:
-        """The search for contacts, for compiled code; the same object for as long as all lies where it lies."""
+        """Return the search for contacts for compiled code; the same object as long as its arrays stay where they are."""
         if self._is_stale:
             self._rebuild()
         if self._finding is None:
@@ -211,7 +211,7 @@ class Solids:
         return self._finding
 
     def _find_lines(self, pairs: Any) -> tuple[IntArray, FloatArray]:
-        """Lines of all pairs: where each pair's begin, and (k, 7) direction, point on b, gap."""
+        """Return the lines of all pairs: where each pair's lines begin, and (k, 7) direction, point on b, gap."""
         _, directions, _ = _kernels()
         first = np.zeros(len(pairs) + 1, np.int64)
         while True:

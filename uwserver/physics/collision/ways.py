@@ -1,4 +1,4 @@
-"""The shortest ways out of overlaps, asked of an engine."""
+"""The shortest ways out of overlaps, which an engine finds."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ log = logging.getLogger(__name__)
 
 
 class WaysOut:
-    """Of the shapes of a world, or of several that are stepped in one thread: what an engine answers depends on its question alone.
+    """Ways out of overlaps, for one world or for several that are stepped in one thread, as an answer depends on its question alone.
 
-    The engine is opened for the first question, as its world takes 29 MB and what rests asks none. Shapes that are equal are one there, each moved to
-    where it is asked about, and a second where two of them have met: a swarm costs it no more than two vehicles. None is given back before the end:
-    who comes later is like somebody who was there.
+    The engine is opened at the first question: its world takes 29 MB, and resting bodies ask none. Equal shapes share one shape there, which is
+    moved to the place of each question, and a second one if two of them meet. So a swarm costs no more than two vehicles. No shape is freed before
+    the end, as later bodies usually have the same shapes.
 
     Args:
         engine: a name of `engine.ENGINES`, or "auto" for the first of them that is installed.
@@ -44,14 +44,14 @@ class WaysOut:
         self._has_failed = False
 
     def close(self) -> None:
-        """Give back the engine's world; the next question opens another."""
+        """Free the world of the engine. The next question opens another one."""
         if self._engine is not None:
             self._engine.close()
         self._engine = None
         self._handles.clear()
 
     def open(self) -> None:
-        """Have the engine ready, which takes some 20 ms: before a run that the clock paces. Raises RuntimeError if it gives no further world."""
+        """Open the engine, which takes some 20 ms, before a run that the clock paces. Raise RuntimeError if it has no further world."""
         self._opened()
 
     def _opened(self) -> Engine:
@@ -60,8 +60,8 @@ class WaysOut:
         return self._engine
 
     def way_out(self, a: Placed, rows_a: Part, pose_a: Pose, b: Placed, rows_b: Part, pose_b: Pose) -> FloatArray:
-        """The direction (3) in N in which convex shape a comes out of b soonest; NaN if the engine knows none, or fails, which is logged: a tick must
-        not end with it.
+        """Return the direction (3) in N in which convex shape a leaves b by the shortest way. Return NaN if the engine knows none or fails; a
+        failure is logged, as it must not end a tick.
 
         Args:
             a, b: the shapes, as they are in their solids.
@@ -86,7 +86,7 @@ class WaysOut:
 
 
 def open_engine(name: str) -> Engine:
-    """An empty world of an engine that is installed. Raises RuntimeError if it gives none."""
+    """Return an empty world of an engine that is installed. Raise RuntimeError if it has none."""
     if name == "bullet":
         from uwserver.physics.collision.bullet import BulletEngine
 

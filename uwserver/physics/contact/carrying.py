@@ -1,10 +1,10 @@
-"""The tick of all bodies, from where contacts were found until each stands at its next state, and how they are accelerated (compiled). Imports numba.
+"""One tick of all bodies after contacts were found, and the accelerations of bodies (compiled). Imports numba.
 
-    1. strike:  what contacts do at the start of the tick, and what holds over it (`contact.step`); where nothing touches there is none.
-    2. advance: each body by its own equations of motion (`dynamics.integrator`).
-    3. finish_contacts:  what contacts have left at the end of it.
+    1. strike: the contacts at the start of the tick, and the forces that hold over it (`contact.step`); only if something touches.
+    2. advance: each body moves by its own equations of motion (`dynamics.integrator`).
+    3. finish_contacts: the rest of the contacts at the end of the tick.
 
-These are called by where their code lies, as each is compiled for worlds with or without appendages.
+The stages are called by the addresses of their code, as each is compiled for worlds with or without appendages.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _NOTHING = Struck(
     _floats(2), _floats(2), _floats(2), _flags, _floats(2),
 )  # fmt: skip
 STRUCK = numba.typeof(_NOTHING)
-"""What `step.strike` gives."""
+"""The type of the result of `step.strike`."""
 
 _for_struck = caller(STRUCK)
 
@@ -49,7 +49,7 @@ def call_for_struck(code: int, args: Any) -> Any:
 
 
 def load_stages(fitted: bool) -> tuple[Any, Any]:
-    """`step.strike`, of a world with or without appendages, and `step.finish_contacts`: compiled, or from the cache."""
+    """Return `step.strike`, for a world with or without appendages, and `step.finish_contacts`, compiled or loaded from the cache."""
     strike: Any = step.strike_fitted if fitted else step.strike
     finish_contacts: Any = step.finish_contacts
     table, old = np.zeros((0, 2), np.int64), NO_IMPULSES
@@ -58,14 +58,17 @@ def load_stages(fitted: bool) -> tuple[Any, Any]:
     return strike, finish_contacts
 
 
-found_at, kept_at = arrays_at(Contacts, COLUMNS), arrays_at(Contacts, FORMS)  # what was found stands first in the table
+found_at, kept_at = (
+    arrays_at(Contacts, COLUMNS),
+    arrays_at(Contacts, FORMS),
+)  # the contacts that were found come first in the table
 counts_at = array_at(FORMS, "counts")
 _impulse, _hold = array_at(FORMS, "impulse"), array_at(FORMS, "hold")
 
 
 @compiled
 def _first_of(contacts: Any, n: int) -> Any:
-    """The first n contacts."""
+    """Return the first n contacts."""
     return Contacts(
         contacts.body_a[:n], contacts.body_b[:n], contacts.point[:n], contacts.normal[:n], contacts.gap[:n], contacts.key[:n],
         contacts.friction[:n], contacts.restitution[:n],
@@ -74,7 +77,7 @@ def _first_of(contacts: Any, n: int) -> Any:
 
 @compiled
 def _keep(touching: Array, n: int) -> None:
-    """What was found is what the tick had."""
+    """Make the contacts that were found those of the tick."""
     found, kept = found_at(touching), kept_at(touching)
     for k in range(n):
         kept.body_a[k], kept.body_b[k], kept.gap[k], kept.key[k] = (
@@ -107,7 +110,7 @@ def _touch(codes: Codes, world: Array, touching: Array, contact_nu_dot: Array, t
 
 @compiled
 def carry(codes: Codes, world: Array, touching: Array, contact_nu_dot: Array, t: float, dt: float) -> int:
-    """Carry all bodies from t to t + dt, in place.
+    """Move all bodies from t to t + dt, in place.
 
     Args:
         codes: of the world.
@@ -133,7 +136,7 @@ def carry(codes: Codes, world: Array, touching: Array, contact_nu_dot: Array, t:
 def find_rates(
     codes: Codes, world: Array, touching: Array, contact_nu_dot: Array, t: float, nu_dot: Array, tau: Array
 ) -> None:
-    """How bodies are accelerated at one instant, by what acts on them (`integrator.rates_of_change`), and by the contacts of the last tick.
+    """Find the accelerations of bodies at one instant, by all forces (`integrator.rates_of_change`) and by the contacts of the last tick.
 
     Args:
         codes, world, touching, contact_nu_dot, t: as for `carry`.
@@ -149,7 +152,7 @@ def find_rates(
 
 @entry
 def carry_alone(codes: Codes, world: Array, touching: Array, contact_nu_dot: Array, t: float, dt: float) -> int:
-    """`carry` for who calls it from Python, for bodies without all else that a world has."""
+    """Call `carry` from Python, for bodies without the other parts of a world."""
     return carry(codes, world, touching, contact_nu_dot, t, dt)
 
 
@@ -157,5 +160,5 @@ def carry_alone(codes: Codes, world: Array, touching: Array, contact_nu_dot: Arr
 def find_rates_alone(
     codes: Codes, world: Array, touching: Array, contact_nu_dot: Array, t: float, nu_dot: Array, tau: Array
 ) -> None:
-    """`find_rates`, likewise."""
+    """Call `find_rates` from Python, likewise."""
     find_rates(codes, world, touching, contact_nu_dot, t, nu_dot, tau)

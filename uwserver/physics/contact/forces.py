@@ -1,7 +1,10 @@
-"""How contact impulses act on bodies within a tick: hits at once, what holds as a force (compiled).
+"""How contact impulses act on bodies within a tick, hits at once and holding impulses as a force, and how far a contact moves meanwhile (compiled).
 
-Both act on the two bodies of a contact at one point of N, with opposite signs, so they change neither the linear nor the angular momentum of
-the two. A force that holds is constant in the tick, and its point moves on with the contact.
+Both kinds act on the two bodies of a contact at one point of N, with opposite signs. So they change neither the linear nor the angular momentum of
+the two bodies together. A holding force is constant in the tick, and its point moves on with the contact.
+
+The contact of a rolling ball moves with its centre, that of a corner that stands stays in its place, and that between two edges moves as neither of
+them. The path of the same contact in the last tick tells these cases apart, to second order in the tick.
 """
 
 from __future__ import annotations
@@ -14,20 +17,20 @@ import numpy as np
 from uwserver.physics.contact.solver import Constraints
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
-from uwserver.physics.kernel.linear import rotation
+from uwserver.physics.kernel.linear import add_force, rotation
 
 
 class Struck(NamedTuple):
-    """What `step.strike` hands to `step.finish_contacts`, for k contacts of m bodies.
+    """What `step.strike` passes to `step.finish_contacts`, for k contacts of m bodies.
 
     Attributes:
         bodies: (m) rows of the bodies near a contact.
         M_inv: (m, 6, 6).
         constraints: of the contacts.
-        drift: (k, 3) how far each contact goes in N within the tick, m.
+        drift: (k, 3) displacement of each contact in N within the tick, m.
         hit: (k, 3) impulse at the start of the tick along the axes, N s.
         hold: (k, 3) impulse of the force over the tick, likewise.
-        final: (k) whether nothing is to be added at the end of the tick.
+        final: (k) whether nothing may be added at the end of the tick.
         change: (m, 6) of nu by all these impulses.
     """
 
@@ -45,7 +48,7 @@ class Struck(NamedTuple):
 def apply_forces(
     rows: Array, bodies: Array, constraints: Constraints, point: Array, drift: Array, hold: Array, t: float, dt: float
 ) -> None:  # fmt: skip
-    """Give impulses to the BODY rows as a force over the tick.
+    """Add impulses to the BODY rows as forces over the tick.
 
     Args:
         rows: of all bodies.
@@ -68,19 +71,14 @@ def apply_forces(
 def _add_force(
     body: Any, point: Array, drift: Array, axes: Array, impulse: Array, sign: float, t: float, dt: float
 ) -> None:
-    """Add to a BODY row the force of one contact, and its moment."""
+    """Add the force of one contact, and its moment, to a BODY row."""
     body.in_contact = 1
     wrench, scale = body.contact, sign / dt
     wrench[9] = t
     for d in range(3):
         size = scale * impulse[d]
         fx, fy, fz = size * axes[d, 0], size * axes[d, 1], size * axes[d, 2]
-        wrench[0] += fx
-        wrench[1] += fy
-        wrench[2] += fz
-        wrench[3] += point[1] * fz - point[2] * fy
-        wrench[4] += point[2] * fx - point[0] * fz
-        wrench[5] += point[0] * fy - point[1] * fx
+        add_force(wrench, point[0], point[1], point[2], fx, fy, fz)
         wrench[6] += (drift[1] * fz - drift[2] * fy) / dt
         wrench[7] += (drift[2] * fx - drift[0] * fz) / dt
         wrench[8] += (drift[0] * fy - drift[1] * fx) / dt
@@ -88,27 +86,27 @@ def _add_force(
 
 @compiled
 def clear_contact(body: Any) -> None:
-    """No contact acts on a BODY row."""
+    """Remove the contact forces from a BODY row."""
     body.in_contact = 0
     for i in range(10):
         body.contact[i] = 0.0
 
 
 _FASTEST = 1.5
-"""A contact that went farther than this times the way of the bodies' surfaces is another, or its bodies were put elsewhere."""
+"""A contact that moved farther than this times the path of the bodies' surfaces is a different one, or its bodies were moved by other means."""
 
 
 @compiled
 def set_drift(
     contacts: Any, constraints: Constraints, start: Array, old_key: Array, old_point: Array, dt: float, R: Array, drift: Array
 ) -> None:  # fmt: skip
-    """Displacements (k, 3) of contacts in N within the tick, m.
+    """Find the displacements (k, 3) of contacts in N within the tick, m.
 
-    A contact that was not there in the tick before goes as the bodies' origins do, in the mean: right for what is round.
+    A contact that did not exist in the tick before moves as the mean of the bodies' origins, which is right for round bodies.
 
     Args:
         contacts: of the start of the tick.
-        constraints: tell the places of their bodies.
+        constraints: their slots name the bodies.
         start: (m, 13) states at the start, after the hits.
         old_key, old_point: (j), (j, 3) of the contacts of the tick before.
         dt: s.
@@ -116,7 +114,7 @@ def set_drift(
         drift: out.
     """
     m, old = start.shape[0], old_key.shape[0]
-    way = np.empty((m, 4))  # of the origin, and the angle
+    way = np.empty((m, 4))  # displacement of the origin, and angle of the turn
     for i in range(m):
         x = start[i]
         rotation(x[3], x[4], x[5], x[6], R)
@@ -129,7 +127,7 @@ def set_drift(
         for i in range(3):
             drift[c, i] = part * (way[a, i] + (way[b, i] if b >= 0 else 0.0))
         for j in range(old):
-            o = (c + j) % old  # the order seldom changes
+            o = (c + j) % old  # begins at the same place, as the order seldom changes
             if old_key[o] == contacts.key[c]:
                 x, y, z = point[0] - old_point[o, 0], point[1] - old_point[o, 1], point[2] - old_point[o, 2]
                 most = _surface_way(start[a], way[a], point)
@@ -142,7 +140,7 @@ def set_drift(
 
 @compiled
 def _surface_way(x: Array, way: Array, point: Array) -> float:
-    """How far (m) a point of a body can go within the tick, at most."""
+    """Return the longest distance (m) that a point of a body can move within the tick."""
     dx, dy, dz = point[0] - x[0], point[1] - x[1], point[2] - x[2]
     along = math.sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2])
     return along + float(way[3]) * math.sqrt(dx * dx + dy * dy + dz * dz)

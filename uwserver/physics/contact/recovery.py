@@ -1,4 +1,4 @@
-"""Bodies that are in each other are taken apart by a displacement, which never enters the velocity (compiled)."""
+"""Separates bodies that penetrate each other by a displacement that never enters the velocity (compiled)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MAX_RECOVERY = 0.5  # m/s
 
 @compiled
 def recover(constraints: Constraints, M_inv: Array, gap: Array, dt: float, now: Array) -> None:
-    """Displace bodies out of each other, by part of the penetration a tick.
+    """Displace bodies out of each other, by a part of the penetration in each tick.
 
     Args:
         constraints: of k contacts of m bodies, at the poses in `now`.
@@ -54,7 +54,7 @@ def recover(constraints: Constraints, M_inv: Array, gap: Array, dt: float, now: 
 
 @compiled
 def _displace(x: Array, velocity: Array, dt: float) -> None:
-    """Carry the pose of x (13) on for dt at a velocity (6) in its axes."""
+    """Move the pose of x (13) for a time dt with a velocity (6) in its axes."""
     R = np.empty((3, 3))
     rotation(x[3], x[4], x[5], x[6], R)
     for i in range(3):
@@ -71,9 +71,9 @@ def _displace(x: Array, velocity: Array, dt: float) -> None:
 
 @compiled
 def _keep_momentum(constraints: Constraints, island: int, M_inv: Array, before: Array, now: Array) -> None:
-    """Give displaced bodies the velocities with which they and the water keep their momentum in N, linear and angular about its origin.
+    """Give displaced bodies velocities with which they and the water keep their momentum in N, linear and angular about its origin.
 
-    Of an island that touches nothing fixed; the others keep their velocities in B, and so their kinetic energy.
+    This is done in islands that touch nothing fixed. The bodies of other islands keep their velocities in B, and so their kinetic energy.
     """
     order, bounds = constraints.order, constraints.bounds
     there = np.zeros(now.shape[0], np.bool_)
@@ -104,13 +104,13 @@ def _keep_momentum(constraints: Constraints, island: int, M_inv: Array, before: 
 
 @compiled
 def _inertia(M_inv: Array) -> float:
-    """A mean moment of inertia, by which bodies share a change of angular momentum."""
+    """Return a mean moment of inertia, by which bodies share a change of angular momentum."""
     return 1.0 / float(M_inv[3, 3] + M_inv[4, 4] + M_inv[5, 5])
 
 
 @compiled
 def _momentum(M_inv: Array, x: Array, R: Array, h: Array) -> float:
-    """h (6) = linear and angular momentum about the body's origin in N, of a body and its water at x (13); returns `_inertia`."""
+    """Add to h (6) the linear and angular momentum, about the body's origin in N, of a body and its water at x (13). Return `_inertia`."""
     own = np.empty((6, 1))
     for i in range(6):
         own[i, 0] = x[7 + i]

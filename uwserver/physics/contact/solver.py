@@ -6,7 +6,8 @@ M^-1 J^T lambda, with the whole 6x6 M = M_RB + M_A of each body, and must satisf
     0 <= lambda_n, 0 <= w_n, lambda_n w_n = 0                       (Signorini; w_n may be more where the gap is open)
     |lambda_t| <= mu lambda_n, and lambda_t opposes w_t where it is at the limit            (Coulomb's cone, not a box)
 
-Sequential impulses: Catto, "Iterative dynamics with temporal coherence", 2005; the friction disc by projection of a gradient step, whose
+Bodies that touch each other, directly or through others, form an island; each island is solved by itself.
+Sequential impulses: Catto, "Iterative dynamics with temporal coherence", 2005. The friction disc is enforced by projecting a gradient step, whose
 fixed points are exactly Coulomb's law (de Saxce and Feng, 1998).
 """
 
@@ -19,7 +20,7 @@ import numpy as np
 
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
-from uwserver.physics.kernel.linear import rotation
+from uwserver.physics.kernel.linear import rotation, to_body
 
 
 @compiled
@@ -31,7 +32,7 @@ def _root(parent: Array, i: int) -> int:
 
 @compiled
 def fill_slots(body: Array, slot_of: Array, bodies: Array, count: int, slots: Array) -> int:
-    """Give each body a place in `bodies`, in the order in which the contacts name them; returns how many there are."""
+    """Give each body a place in `bodies`, in the order in which the contacts name them. Return the number of bodies."""
     for c in range(body.shape[0]):
         row = body[c]
         slots[c] = -1
@@ -46,7 +47,7 @@ def fill_slots(body: Array, slot_of: Array, bodies: Array, count: int, slots: Ar
 
 @compiled
 def find_islands(slot_a: Array, slot_b: Array, m: int, order: Array, bounds: Array) -> int:
-    """Sort the contacts by islands, which keep the order of their first contacts; returns the number of islands."""
+    """Sort the contacts by islands, in the order of the first contact of each. Return the number of islands."""
     k = slot_a.shape[0]
     parent = np.arange(m)
     for c in range(k):
@@ -74,18 +75,18 @@ def find_islands(slot_a: Array, slot_b: Array, m: int, order: Array, bounds: Arr
 
 
 MAX_SWEEPS = 300
-TOLERANCE = 1e-10  # m/s: what a sweep may still change
+TOLERANCE = 1e-10  # m/s: the largest change of a velocity by the last sweep
 
 # Blocks of the (k, 4, 3, 6) array of rows: Jacobians of bodies a and b, and M^-1 J^T of both; three directions each.
 J_A, J_B, R_A, R_B = range(4)
 
 
 class Constraints(NamedTuple):
-    """The rows of k contacts between m bodies.
+    """The constraints of k contacts between m bodies.
 
     Attributes:
-        slot_a, slot_b: (k) places of the contacts' bodies among the m; -1 for what does not move.
-        order, bounds: contacts island by island; island i is order[bounds[i]:bounds[i + 1]].
+        slot_a, slot_b: (k) places of the contacts' bodies among the m; -1 for a static solid.
+        order, bounds: the contacts sorted by islands; island i is order[bounds[i]:bounds[i + 1]].
         axes: (k, 3, 3) normal and tangents in N.
         rows: (k, 4, 3, 6) blocks as named above.
         gains: (k, 2) of `set_gains`.
@@ -102,7 +103,7 @@ class Constraints(NamedTuple):
 
 @compiled
 def set_axes(normal: Array, axes: Array) -> None:
-    """axes (3, 3) receives the normal and two tangents, a right-handed frame that depends on the normal alone."""
+    """Write the normal and two tangents to axes (3, 3): a right-handed frame that depends on the normal alone."""
     x, y, z = normal[0], normal[1], normal[2]
     # Duff et al., "Building an orthonormal basis, revisited", 2017.
     sign = math.copysign(1.0, z)
@@ -115,7 +116,7 @@ def set_axes(normal: Array, axes: Array) -> None:
 
 @compiled
 def set_jacobian(x: Array, point: Array, axes: Array, sign: float, R: Array, rows: Array, c: int, block: int) -> None:
-    """The Jacobian of one body at contact c, rows[c, block].
+    """Write the Jacobian of one body at contact c to rows[c, block].
 
     Args:
         x: (13) state of the body.
@@ -127,14 +128,10 @@ def set_jacobian(x: Array, point: Array, axes: Array, sign: float, R: Array, row
     """
     rotation(x[3], x[4], x[5], x[6], R)
     dx, dy, dz = point[0] - x[0], point[1] - x[1], point[2] - x[2]
-    rx = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
-    ry = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz
-    rz = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
+    rx, ry, rz = to_body(R, dx, dy, dz)
     for d in range(3):
         ax, ay, az = sign * axes[d, 0], sign * axes[d, 1], sign * axes[d, 2]
-        bx = R[0, 0] * ax + R[1, 0] * ay + R[2, 0] * az
-        by = R[0, 1] * ax + R[1, 1] * ay + R[2, 1] * az
-        bz = R[0, 2] * ax + R[1, 2] * ay + R[2, 2] * az
+        bx, by, bz = to_body(R, ax, ay, az)
         rows[c, block, d, 0], rows[c, block, d, 1], rows[c, block, d, 2] = bx, by, bz
         rows[c, block, d, 3] = ry * bz - rz * by
         rows[c, block, d, 4] = rz * bx - rx * bz
@@ -143,7 +140,7 @@ def set_jacobian(x: Array, point: Array, axes: Array, sign: float, R: Array, row
 
 @compiled
 def set_response(M_inv: Array, slot: int, rows: Array, c: int, block: int) -> None:
-    """rows[c, block + 2] = M_inv[slot] J^T for the Jacobian in rows[c, block]; M_inv (m, 6, 6)."""
+    """Write M_inv[slot] J^T to rows[c, block + 2], for the Jacobian in rows[c, block]; M_inv (m, 6, 6)."""
     for d in range(3):
         for i in range(6):
             total = 0.0
@@ -154,7 +151,7 @@ def set_response(M_inv: Array, slot: int, rows: Array, c: int, block: int) -> No
 
 @compiled
 def relative_velocity(rows: Array, c: int, d: int, nu: Array, a: int, b: int) -> float:
-    """w of contact c in direction d, m/s, for the velocities nu (m, 6) of bodies a and b; b is -1 for what does not move."""
+    """Return w of contact c in direction d, m/s, for the velocities nu (m, 6) of bodies a and b; b is -1 for a static solid."""
     w = 0.0
     for i in range(6):
         w += rows[c, J_A, d, i] * nu[a, i]
@@ -166,7 +163,7 @@ def relative_velocity(rows: Array, c: int, d: int, nu: Array, a: int, b: int) ->
 
 @compiled
 def set_jacobians(constraints: Constraints, state: Array, point: Array, rows: Array, R: Array) -> None:
-    """Jacobians of all contacts at points (k, 3), for the poses in `state` (m, 13), to rows (k, 4, 3, 6); R (3, 3) is work space."""
+    """Write the Jacobians of all contacts at points (k, 3), for the poses in `state` (m, 13), to rows (k, 4, 3, 6). R (3, 3) is work space."""
     slot_a, slot_b, axes = constraints.slot_a, constraints.slot_b, constraints.axes
     for c in range(point.shape[0]):
         set_jacobian(state[slot_a[c]], point[c], axes[c], 1.0, R, rows, c, J_A)
@@ -176,7 +173,7 @@ def set_jacobians(constraints: Constraints, state: Array, point: Array, rows: Ar
 
 @compiled
 def set_responses(constraints: Constraints, M_inv: Array) -> None:
-    """Responses and gains of all contacts, for the inverse inertias M_inv (m, 6, 6); after `set_jacobians`."""
+    """Compute responses and gains of all contacts for the inverse inertias M_inv (m, 6, 6), after `set_jacobians`."""
     slot_a, slot_b, rows = constraints.slot_a, constraints.slot_b, constraints.rows
     for c in range(slot_a.shape[0]):
         set_response(M_inv, slot_a[c], rows, c, J_A)
@@ -187,7 +184,7 @@ def set_responses(constraints: Constraints, M_inv: Array) -> None:
 
 @compiled
 def _coupling(rows: Array, c: int, d: int, e: int, moving_b: bool) -> float:
-    """Change of w in direction d by a unit impulse in direction e of the same contact, 1/kg."""
+    """Return the change of w in direction d by a unit impulse in direction e of the same contact, 1/kg."""
     total = 0.0
     for i in range(6):
         total += rows[c, J_A, d, i] * rows[c, R_A, e, i]
@@ -199,7 +196,7 @@ def _coupling(rows: Array, c: int, d: int, e: int, moving_b: bool) -> float:
 
 @compiled
 def set_gains(rows: Array, c: int, moving_b: bool, gains: Array) -> None:
-    """gains (2): 1 / A_nn of the normal row, and 1 / the largest eigenvalue of the 2x2 block of the tangents, kg."""
+    """Write to gains (2): 1 / A_nn of the normal row, and 1 / the largest eigenvalue of the 2x2 block of the tangents, kg."""
     gains[0] = 1.0 / _coupling(rows, c, 0, 0, moving_b)
     p, q, r = _coupling(rows, c, 1, 1, moving_b), _coupling(rows, c, 1, 2, moving_b), _coupling(rows, c, 2, 2, moving_b)
     gains[1] = 1.0 / (0.5 * (p + r) + math.sqrt(0.25 * (p - r) ** 2 + q * q))
@@ -207,7 +204,7 @@ def set_gains(rows: Array, c: int, moving_b: bool, gains: Array) -> None:
 
 @compiled
 def _respond(rows: Array, c: int, d: int, impulse: float, a: int, b: int, change: Array) -> None:
-    """Add to the velocity changes of both bodies what an impulse in direction d does."""
+    """Add the effect of an impulse in direction d to the velocity changes of both bodies."""
     for i in range(6):
         change[a, i] += rows[c, R_A, d, i] * impulse
     if b >= 0:
@@ -217,7 +214,7 @@ def _respond(rows: Array, c: int, d: int, impulse: float, a: int, b: int, change
 
 @compiled
 def add_response(rows: Array, c: int, impulse: Array, a: int, b: int, change: Array) -> None:
-    """The same for all three directions; impulse (3) along normal and tangents."""
+    """Add the effect of an impulse (3) along normal and tangents to the velocity changes of both bodies."""
     for d in range(3):
         if impulse[d] != 0.0:
             _respond(rows, c, d, impulse[d], a, b, change)
@@ -227,19 +224,19 @@ def add_response(rows: Array, c: int, impulse: Array, a: int, b: int, change: Ar
 def solve_island(
     constraints: Constraints, island: int, bias: Array, friction: Array, frozen: Array, impulse: Array, change: Array
 ) -> int:
-    """Projected Gauss-Seidel over the contacts of one island.
+    """Solve the contacts of one island by projected Gauss-Seidel.
 
     Args:
         constraints: of all contacts.
         island: number of the island.
         bias: (k, 3) w without any change of velocity, plus what the open gap allows along the normal.
         friction: (k) coefficients.
-        frozen: (k) contacts that are left as they are.
-        impulse: (k, 3) in and out, N s; what it holds at the start is part of `change` or of the bias already.
+        frozen: (k) contacts whose impulses stay as they are.
+        impulse: (k, 3) in and out, N s; the effect of its values at the start is part of `change` or of the bias already.
         change: (m, 6) in and out, change of nu of each body.
 
     Returns:
-        Sweeps done.
+        The number of sweeps.
     """
     order, rows, gains = constraints.order, constraints.rows, constraints.gains
     first, end = constraints.bounds[island], constraints.bounds[island + 1]

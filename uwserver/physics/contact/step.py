@@ -1,16 +1,16 @@
-"""One tick of bodies that touch (compiled): hits at its start, the free step as a trial, the real step, and what is left at its end.
+"""One tick of bodies that touch (compiled): hits at its start, the free step as a trial, the real step, and the rest at its end.
 
-    1. strike:  hits first: impulses at the start of the tick, so that no gap closes further within it than it is open; those that bounce
-                reverse the approach. Then every body near a contact does the free RK4 step as a trial, and what holds is chosen so that the
-                velocity at the end of the tick satisfies the contacts. It acts as a force over the tick, so a body at rest stays at rest
-                within it too. Bodies without an impulse keep their free step, bit for bit.
-    2. The real RK4 step of all bodies (`integrator.advance`), with them: drag, Munk moment and thrust act on the true motion.
-    3. finish_contacts:  the small rest that the change of those forces leaves is removed at the new pose. Penetration is recovered by a displacement
-                that never enters the velocity (split impulse), so it adds no kinetic energy.
+    1. strike: hits first. They are impulses at the start of the tick, such that no gap closes further within the tick than it is open. Hits that
+        bounce reverse the approach. Then every body near a contact makes the free RK4 step as a trial, and holding impulses are chosen such that
+        the velocity at the end of the tick satisfies the contacts. They act as a force over the tick, so a body at rest also stays at rest within
+        the tick. Bodies without an impulse keep their free step, bit for bit.
+    2. The real RK4 step of all bodies (`integrator.advance`), with these forces: drag, Munk moment and thrust act on the true motion.
+    3. finish_contacts: the forces of the real step differ slightly from those of the trial. The small rest is removed at the new pose.
+        Penetration is recovered by a displacement that never enters the velocity (split impulse), so it adds no kinetic energy.
 
-All impulses act through the full 6x6 inverse of M_RB + held M_A, on both bodies at one point of N. A contact goes on within the tick as it
-went in the last one (`drift`): a ball's rolls along with it, a corner's stays where it stands. Bodies that touch each other form islands,
-solved one by one: a contact elsewhere in the world changes nothing.
+All impulses act through the full 6x6 inverse of M_RB + held M_A, on both bodies at one point of N. A contact moves within the tick as it moved in the
+last one (`forces.set_drift`): that of a ball rolls along with it, that of a corner stays in its place. Bodies that touch each other form islands,
+which are solved one by one, so that a contact elsewhere in the world changes nothing.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def predict(
     first: int, end: int, me: int,
     table: Array, model: Model, fitted: Any, bodies: Array, t: float, dt: float, predicted: Array, M_inv: Array,
 ) -> None:  # fmt: skip
-    """The free step of some of `bodies`, as a trial; moves lags and servos on, so their rows in `model` and `fitted` must be copies."""
+    """Make the free step of some of `bodies` as a trial. It advances lags and servos, so their rows in `model` and `fitted` must be copies."""
     state, flows, w = state_at(table), flows_at(table), scratch_at(table)[me]
     for i in range(first, end):
         n = bodies[i]
@@ -64,11 +64,11 @@ def predict(
 
 @compiled
 def _warm_start(contacts: Any, old_key: Array, old_hold: Array, axes: Array, hold: Array) -> None:
-    """hold (k, 3) along the axes from the tick before, where the same contact was there; zeros in."""
+    """Write the holding impulses of the tick before to hold (k, 3), along the axes, for contacts that existed then. `hold` must be zero before."""
     old = old_key.shape[0]
     for c in range(hold.shape[0]):
         for j in range(old):
-            o = (c + j) % old  # the order seldom changes
+            o = (c + j) % old  # begins at the same place, as the order seldom changes
             if old_key[o] == contacts.key[c]:
                 for d in range(1 if contacts.friction[c] <= 0.0 else 3):
                     for i in range(3):
@@ -81,12 +81,12 @@ def _warm_start(contacts: Any, old_key: Array, old_hold: Array, axes: Array, hol
 def strike(
     table: Array, contacts: Any, old_key: Array, old_point: Array, old_hold: Array, t: float, dt: float
 ) -> Struck:
-    """Stage 1 in a world without appendages: the states receive the velocities after the hits, the BODY rows what holds.
+    """Do stage 1 in a world without appendages: the states receive the velocities after the hits, the BODY rows the forces that hold.
 
     Args:
         table: of the world, as for `integrator.advance`.
         contacts: `contacts.Contacts`.
-        old_key, old_point, old_hold: (j), (j, 3), (j, 3, in N) of the tick before: what held then begins this one.
+        old_key, old_point, old_hold: (j), (j, 3), (j, 3, in N) of the tick before; its holding impulses are the first guess for this tick.
         t, dt: start and length of the tick, s.
     """
     return _strike(table, None, contacts, old_key, old_point, old_hold, t, dt)
@@ -96,7 +96,7 @@ def strike(
 def strike_fitted(
     table: Array, contacts: Any, old_key: Array, old_point: Array, old_hold: Array, t: float, dt: float
 ) -> Struck:
-    """`strike` for a world where a body has appendages."""
+    """Do what `strike` does, for a world where a body has appendages."""
     present = fitted_at(table)
     trial = Fitted(
         present.servos.copy(), present.foils, present.propellers, present.weights, present.derivatives, present.hulls,
@@ -109,7 +109,7 @@ def strike_fitted(
 def _strike(
     table: Array, fitted: Any, contacts: Any, old_key: Array, old_point: Array, old_hold: Array, t: float, dt: float
 ) -> Struck:
-    """`fitted` has a copy of the servos, or is None for a world without appendages."""
+    """Do stage 1. `fitted` has a copy of the servos, or is None for a world without appendages."""
     present, state = model_at(table), state_at(table)
     model = Model(
         present.bodies, present.shapes, present.thrusters.copy(), present.tables, present.lags, present.wrenches, present.forces,
@@ -154,7 +154,7 @@ def _strike(
 
 @compiled
 def _connect(contacts: Any, count: int) -> tuple[Array, Constraints]:
-    """Rows of the bodies at contacts, of `count` there are, and the constraints between them, whose rows are yet to be set."""
+    """Return the rows of the bodies at contacts, of `count` bodies in the world, and the constraints between them, whose rows are not set yet."""
     k = contacts.gap.shape[0]
     slot_a, slot_b = np.empty(k, np.int64), np.empty(k, np.int64)
     slot_of, bodies = np.full(count, -1), np.empty(count, np.int64)
@@ -173,7 +173,7 @@ def _connect(contacts: Any, count: int) -> tuple[Array, Constraints]:
 def _hit(
     contacts: Any, constraints: Constraints, nu: Array, nu_free: Array, dt: float, hit: Array, bounced: Array, late: Array
 ) -> bool:  # fmt: skip
-    """What contacts that would close within the tick ask for at its start; returns whether there are any.
+    """Find the impulses at the start of the tick of contacts that would close within it. Return whether there are any.
 
     Args:
         contacts, constraints: as for `strike`.
@@ -181,7 +181,7 @@ def _hit(
         dt: s.
         hit: (k, 3) out, impulses; zeros in.
         bounced: (k) out, whether a hit bounces.
-        late: (k) out, part of the tick that a hit which does not bounce comes after its start; -1 for what is no hit, or a slow one.
+        late: (k) out, when within the tick a hit that does not bounce comes, as a part of it; -1 for a slow hit, or if there is none.
     """
     k, rows = contacts.gap.shape[0], constraints.rows
     bias = np.empty((k, 3))
@@ -208,7 +208,8 @@ def _hit(
 def _solve_held(
     constraints: Constraints, island: int, bias: Array, friction: Array, apart: Array, hold: Array, change: Array
 ) -> None:
-    """Impulses `hold` (k, 3) of the force over the tick, none in contacts that are `apart` (k); those it has at first are in the bias."""
+    """Find the impulses `hold` (k, 3) of the force over the tick, none in contacts that are `apart` (k). The effect of their values at the start
+    is part of the bias."""
     for k in range(constraints.bounds[island], constraints.bounds[island + 1]):
         c = constraints.order[k]
         if apart[c]:
@@ -224,10 +225,10 @@ def _await_touch(
     contacts: Any, constraints: Constraints, island: int, bias: Array, jump: Array, warm: Array, late: Array, bounced: Array,
     hold: Array,
 ) -> None:  # fmt: skip
-    """Where a hit comes within the tick, let what held before it hold until then: `hold` becomes the mean over the tick.
+    """If a hit comes within the tick, let the earlier forces hold until then: `hold` becomes the mean over the tick.
 
-    The hit itself is divided between the start and the end of the tick as it comes early or late in it. So a body that rocks from one edge to
-    another is carried by the first until the second touches. `finish_contacts` must leave the island as it is, so its contacts become `bounced`.
+    The hit itself is divided between the start and the end of the tick by its time within it. So a body that rocks from one edge to another is
+    carried by the first until the second touches. `finish_contacts` must leave the island as it is, so its contacts become `bounced`.
     """
     order, bounds = constraints.order, constraints.bounds
     first = 2.0
@@ -255,7 +256,8 @@ def _await_touch(
 
 @compiled
 def _follow(start: Array, predicted: Array, jump: Array, dt: float, R: Array) -> None:
-    """Let the states (m, 13) at the start and the end of the free step have the velocity after the hits, and the way that it makes."""
+    """Apply the change of velocity by the hits to the states (m, 13) at the start and the end of the free step, and the displacement that it
+    causes to the latter."""
     for i in range(start.shape[0]):
         rotation(start[i, 3], start[i, 4], start[i, 5], start[i, 6], R)
         for j in range(3):
@@ -267,7 +269,7 @@ def _follow(start: Array, predicted: Array, jump: Array, dt: float, R: Array) ->
 
 @compiled
 def _set_velocities(constraints: Constraints, rows: Array, nu: Array, bias: Array) -> None:
-    """bias (k, 3) = w of all contacts at the velocities nu (m, 6)."""
+    """Write w of all contacts at the velocities nu (m, 6) to bias (k, 3)."""
     for c in range(bias.shape[0]):
         for d in range(3):
             bias[c, d] = relative_velocity(rows, c, d, nu, constraints.slot_a[c], constraints.slot_b[c])
@@ -275,14 +277,14 @@ def _set_velocities(constraints: Constraints, rows: Array, nu: Array, bias: Arra
 
 @compiled
 def _leave_open(gap: Array, dt: float, bias: Array) -> None:
-    """Allow each contact to close what it is open."""
+    """Allow each contact to close its gap within the tick."""
     for c in range(bias.shape[0]):
         bias[c, 0] += max(0.0, gap[c]) / dt
 
 
 @compiled
 def _sum_up(constraints: Constraints, impulse: Array, change: Array) -> None:
-    """change (m, 6) of nu by impulses (k, 3)."""
+    """Write the change of nu by impulses (k, 3) to change (m, 6)."""
     change[:, :] = 0.0
     for c in range(impulse.shape[0]):
         add_response(constraints.rows, c, impulse[c], constraints.slot_a[c], constraints.slot_b[c], change)
@@ -292,13 +294,13 @@ def _sum_up(constraints: Constraints, impulse: Array, change: Array) -> None:
 def finish_contacts(
     table: Array, struck: Struck, contacts: Any, dt: float, impulse_N: Array, hold_N: Array, contact_nu_dot: Array
 ) -> None:
-    """Stage 3, after the real step: the rest of the impulses, recovery.
+    """Do stage 3, after the real step: the rest of the impulses, and the recovery of penetration.
 
     Args:
-        table: of the world; what contacts did to its BODY rows is cleared, and its states become those at the end of the tick.
+        table: of the world; the contact forces in its BODY rows are cleared, and its states become those at the end of the tick.
         impulse_N: (k, 3) out, impulse on body a in N, N s.
-        hold_N: (k, 3) out, that of it which was no hit.
-        contact_nu_dot: (n, 6) out, mean acceleration in B by contacts in the tick; zeros for the others.
+        hold_N: (k, 3) out, the part of it that was no hit.
+        contact_nu_dot: (n, 6) out, mean acceleration in B by contacts in the tick; zeros for bodies without contacts.
     """
     rows, state, constraints = model_at(table).bodies, state_at(table), struck.constraints
     k, m = contacts.gap.shape[0], struck.bodies.shape[0]

@@ -1,4 +1,4 @@
-"""The contacts of a world as arrays with room: those that were found for the coming tick, and those of the last one with their impulses."""
+"""The contacts of a world in arrays with spare room: those that were found for the coming tick, and those of the last one with their impulses."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ COLUMNS: Forms = {
     "friction": columns(np.float64),
     "restitution": columns(np.float64),
 }
-"""Of `Contacts`."""
+"""The arrays of `Contacts`."""
 
 FORMS: Forms = {
     **{f"found_{name}": form for name, form in COLUMNS.items()},
@@ -29,18 +29,18 @@ FORMS: Forms = {
     "hold": columns(np.float64, 3),
     "counts": columns(np.int64),
 }
-"""Of the table for compiled code: what was found, then what the last tick had, and how many they are (`FOUND`, `KEPT`)."""
+"""The table for compiled code: the contacts that were found, then those of the last tick, and the numbers of both (`FOUND`, `KEPT`)."""
 
 FOUND, KEPT = 0, 1
 ROOM = 64
 
 
 class Touching:
-    """The contacts of a world. When there is no room for more, another one takes its place (`with_room`).
+    """The contacts of a world. If there is no room for more, a larger object takes its place (`with_room`).
 
     Attributes:
-        table: by which compiled code finds them.
-        room: for so many.
+        table: addresses of the arrays, for compiled code.
+        room: number of contacts that fit.
     """
 
     def __init__(self, room: int = ROOM) -> None:
@@ -51,7 +51,7 @@ class Touching:
         self.table: IntArray = addresses(FORMS, self._rows)
 
     def with_room(self, needed: int) -> Touching:
-        """This, or a larger one with the same contacts of the last tick."""
+        """Return this object, or a larger one with the same contacts of the last tick."""
         if needed <= self.room:
             return self
         larger = Touching(max(needed, 2 * self.room))
@@ -59,7 +59,7 @@ class Touching:
         return larger
 
     def without(self, row: int) -> Touching:
-        """Another one, without the contacts of a body: who comes into its row would begin with the impulses of who left it."""
+        """Return another object without the contacts of a body. Otherwise a new body in its row would begin with the impulses of the old one."""
         contacts, *impulses = self.kept
         others = (contacts.body_a != row) & (contacts.body_b != row)
         rest = Touching(self.room)
@@ -74,7 +74,7 @@ class Touching:
 
     @property
     def kept(self) -> Impulses:
-        """Those of the last tick: views, which hold until the next."""
+        """The contacts of the last tick: views that are valid until the next tick."""
         n = int(self._counts[KEPT])
         if not n:
             return NO_IMPULSES
@@ -82,14 +82,14 @@ class Touching:
         return Impulses(Contacts(*columns_), self._rows["impulse"][:n], self._rows["hold"][:n])
 
     def keep(self, impulses: Impulses) -> None:
-        """These are those of the last tick; there is room."""
+        """Store the contacts of the last tick. They must fit."""
         n = len(impulses.contacts.gap)
         for name, column in zip((*COLUMNS, "impulse", "hold"), (*impulses.contacts, *impulses[1:]), strict=True):
             self._rows[name][:n] = column
         self._counts[KEPT] = n
 
     def find(self, contacts: Contacts) -> None:
-        """These were found for the coming tick; there is room."""
+        """Store the contacts that were found for the coming tick. They must fit."""
         n = len(contacts.gap)
         for name, column in zip(COLUMNS, contacts, strict=True):
             self._rows[f"found_{name}"][:n] = column

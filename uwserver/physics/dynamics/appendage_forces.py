@@ -1,4 +1,5 @@
-"""Thrust and torque of a propeller: four quadrants by a series over the advance angle, or open-water curves of the first (compiled)."""
+"""Forces of single appendages: the lift and drag of a foil, the thrust and torque of a propeller, and the motion of the servo that sets them
+(compiled)."""
 
 from __future__ import annotations
 
@@ -11,9 +12,10 @@ from uwserver.physics.kernel.compiled import compiled
 
 @compiled
 def advance_servo(servo: Any, h: float) -> float:
-    """Carry a SERVO row over h seconds, exactly, as the command is constant in a tick. Returns its value.
+    """Advance a SERVO row by h seconds, exactly, as the command is constant in a tick. Return its value.
 
-    value' = (command - value) / tau within +-rate: a straight line until the error is rate tau, an exponential from there on.
+    The servo follows its command with a first-order lag at a limited rate: value' = (command - value) / tau within +-rate. This is a straight line
+    until the error is rate tau, and an exponential from there on.
     """
     target = min(max(servo.command, servo.low), servo.high)
     error = target - servo.value
@@ -33,10 +35,10 @@ def advance_servo(servo: Any, h: float) -> float:
 
 @compiled
 def foil_coefficients(foil: Any, alpha: float) -> tuple[float, float]:
-    """C_L and C_D of a FOIL row at an angle of attack of -pi..pi (rad).
+    """Return C_L and C_D of a FOIL row at an angle of attack of -pi..pi (rad): linear lift, stall, flat plate.
 
-    Up to `stall` C_L = slope alpha and C_D = cd0 + induced C_L^2 (lifting line); from `stall_end` on the plate's normal force cd90 sin(alpha),
-    whose parts are C_L = cd90 sin(alpha) cos(alpha) and C_D = cd0 + cd90 sin(alpha)^2; between them a linear blend.
+    Up to `stall`, C_L = slope alpha and C_D = cd0 + induced C_L^2 (lifting line). From `stall_end` on, the plate's normal force is cd90 sin(alpha),
+    with the parts C_L = cd90 sin(alpha) cos(alpha) and C_D = cd0 + cd90 sin(alpha)^2. Between the two is a linear blend.
     """
     attached = 1.0
     size = abs(alpha)
@@ -53,13 +55,13 @@ def foil_coefficients(foil: Any, alpha: float) -> tuple[float, float]:
 
 @compiled
 def foil_force(foil: Any, angle: float, ahead: float, across: float, square: float) -> tuple[float, float]:
-    """Force (N) along the chord of zero angle and along the normal to it.
+    """Return the force (N) along the chord at zero angle, and along the normal of that chord.
 
     Args:
         foil: FOIL record.
-        angle: by which it is turned, rad; positive lifts towards the normal.
+        angle: by which the foil is turned, rad; a positive angle lifts towards the normal.
         ahead, across: velocity through the water along chord and normal, m/s.
-        square: of the speed that makes the dynamic pressure, m2/s2.
+        square: squared speed of the dynamic pressure, m2/s2.
     """
     speed = math.sqrt(ahead * ahead + across * across)
     if speed == 0.0:
@@ -71,14 +73,14 @@ def foil_force(foil: Any, angle: float, ahead: float, across: float, square: flo
         alpha += 2.0 * math.pi
     lift, drag = foil_coefficients(foil, alpha)
     pressure = foil.pressure_area * square
-    # Drag against the velocity, lift square to it.
+    # Drag acts against the velocity, lift perpendicular to it.
     x, z = ahead / speed, across / speed
     return pressure * (-drag * x - lift * z), pressure * (lift * x - drag * z)
 
 
 @compiled
 def propeller_force(propeller: Any, speed: float, advance: float) -> tuple[float, float]:
-    """Thrust on the vehicle (N) along the axis, and moment on it (N m) about the axis.
+    """Return the thrust on the vehicle (N) along the axis, and the moment on it (N m) about the axis.
 
     Args:
         propeller: PROPELLER record.
@@ -95,11 +97,11 @@ def propeller_force(propeller: Any, speed: float, advance: float) -> tuple[float
 
 @compiled
 def _by_series(propeller: Any, speed: float, va: float) -> tuple[float, float]:
-    """Thrust and torque at a shaft speed (rad/s) and a speed of advance (m/s), whatever their signs.
+    """Return thrust and torque at a shaft speed (rad/s) and a speed of advance (m/s) of any sign.
 
     T = rho/2 (V_a^2 + V_t^2) pi/4 D^2 C_T*(beta), Q likewise with D^3 and C_Q*, where V_t = 0.7 pi n D is the speed of the blade at 0.7 of
     its radius and tan(beta) = V_a / V_t (van Lammeren, van Manen and Oosterveld, "The Wageningen B-screw series", SNAME 77, 1969). Nothing
-    is divided by n, so a stopped propeller (beta = +-90 degrees) has its drag. What the hull's damping has of that is taken away.
+    is divided by n, so a stopped propeller (beta = +-90 degrees) has its drag. The part of it that the hull's damping contains is subtracted.
     """
     D, series, stopped = propeller.diameter, propeller.series, propeller.stopped
     vt = 0.35 * speed * D
@@ -121,12 +123,12 @@ def _by_series(propeller: Any, speed: float, va: float) -> tuple[float, float]:
 
 @compiled
 def _by_curves(propeller: Any, speed: float, va: float) -> tuple[float, float]:
-    """The same by open-water curves of the first quadrant.
+    """Return thrust and torque by open-water curves of the first quadrant.
 
     T = rho n^2 D^4 K_T(J), Q = rho n^2 D^5 K_Q(J), J = V_a / (n D), with each straight piece K = a + b J written as
     a |n| n + b |n| V_a / D: finite at any n and zero at n = 0 (a stopped propeller has no drag here). Astern the propeller is taken as the
     mirror of itself: J counts along the turned axis, thrust and torque are scaled by `astern`. Beyond the table the first and last piece
-    go on straight: an extrapolation, in particular against the inflow (J < 0), where measured curves bend.
+    are extended: an extrapolation, in particular against the inflow (J < 0), where measured curves bend.
     """
     n = abs(speed) / (2.0 * math.pi)
     if n == 0.0:
@@ -145,7 +147,7 @@ def _by_curves(propeller: Any, speed: float, va: float) -> tuple[float, float]:
 
 @compiled
 def _piece(J: float, points: int, xs: Array, ys: Array) -> tuple[float, float]:
-    """(a, b) of the straight piece y = a + b J of a curve; the first and last piece go on beyond the ends."""
+    """Return (a, b) of the straight piece y = a + b J of a curve. The first and last piece are extended beyond the ends."""
     k = 0
     while k < points - 2 and xs[k + 1] < J:
         k += 1

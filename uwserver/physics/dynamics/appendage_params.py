@@ -1,4 +1,4 @@
-"""Typed parameters of what is fitted to a hull, and of the hull's own shape, and their rows in the kernel's arrays."""
+"""Typed parameters of the parts that are fitted to a hull, and of the shape of the hull itself, and their rows in the kernel's arrays."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from uwserver.physics.kernel.layout import DERIVATIVE, FOIL, HARMONICS, HULL, PR
 
 Six = tuple[float, float, float, float, float, float]
 Series = tuple[tuple[float, float, float, float], ...]
-"""Of each multiple k = 0, 1, .. of the advance angle: coefficients of cosine and sine, of C_T*, then of C_Q*."""
+"""For each multiple k = 0, 1, ... of the advance angle the coefficients of cosine and sine, of C_T*, then of C_Q*."""
 
 
 @dataclass(frozen=True)
 class ServoParams:
-    """What moves a part: limits, largest rate (a second) and time constant (s); rests at `neutral`. Units are those of the part."""
+    """Parameters of a servo, which moves a part: limits, largest rate (a second) and time constant (s). It starts at `neutral`. The units are
+    those of the part."""
 
     name: str
     low: float
@@ -31,17 +32,17 @@ class ServoParams:
 
 @dataclass(frozen=True)
 class FoilParams:
-    """A lifting surface; `layout.FOIL`.
+    """A lifting surface; see `layout.FOIL`.
 
     Attributes:
-        servo: name of the servo that turns it, "" for a fixed one.
+        servo: name of the servo that turns the foil; "" if it is fixed.
         r: centre of pressure, B, m.
         hinge: axis of positive rotation (right hand), B.
         chord: towards the leading edge at zero angle, B; made square to the hinge.
         pressure_area: rho A / 2, kg/m.
         slope, induced, cd0, cd90: coefficients.
         stall, stall_end: rad.
-        whole: dynamic pressure of the whole speed.
+        whole: the dynamic pressure is that of the whole speed, including the part along the span.
         radius: half the span, m.
     """
 
@@ -62,10 +63,10 @@ class FoilParams:
 
 @dataclass(frozen=True)
 class PropellerParams:
-    """A propeller by its `series` in four quadrants, or by its open-water `curve` of (J, K_T, K_Q); the rest as in `layout.PROPELLER`.
+    """A propeller, described by its `series` in four quadrants or by its open-water `curve` of (J, K_T, K_Q); all else as in `layout.PROPELLER`.
 
     Attributes:
-        damping_includes_stopped: the hull's damping has the drag of the stopped propeller, so the series gives what it does beyond that.
+        damping_includes_stopped: the hull's damping contains the drag of the stopped propeller, so that drag is subtracted from the series.
     """
 
     servo: str
@@ -84,7 +85,7 @@ class PropellerParams:
 
     @property
     def line(self) -> Vec3:
-        """K_T at rest, its fall with J on a straight line to the end of the first quadrant, and thrust astern over that ahead, both at rest."""
+        """K_T at rest; its fall with J, on a straight line to the end of the first quadrant; and thrust astern over thrust ahead, both at rest."""
         if not self.series:
             (j0, k0, _), (j1, k1, _) = self.curve[0], self.curve[-1]
             fall = (k0 - k1) / (j1 - j0) if j1 > j0 else 0.0
@@ -98,7 +99,7 @@ class PropellerParams:
 
 @dataclass(frozen=True)
 class WeightParams:
-    """A force along z_N and a moment that grow with the value of a servo; `layout.WEIGHT`."""
+    """A force along z_N and a moment, both proportional to the value of a servo; see `layout.WEIGHT`."""
 
     servo: str
     force: float
@@ -108,7 +109,7 @@ class WeightParams:
 
 @dataclass(frozen=True)
 class DerivativeParams:
-    """One term of a hull's polynomial: tau[axis] += coefficient nu_r[j] nu_r[k], times a power (1 or 2) of a servo's value, if one is named."""
+    """One term of a hull's polynomial: tau[axis] += coefficient nu_r[j] nu_r[k], times a power (1 or 2) of the value of `servo` if that is given."""
 
     axis: int
     j: int
@@ -120,15 +121,15 @@ class DerivativeParams:
 
 @dataclass(frozen=True)
 class HullParams:
-    """Linear damping that fades as exp(-fade U_r), and cross-flow drag over strips.
+    """Linear damping that fades as exp(-fade U_r), and cross-flow drag in strips.
 
     Attributes:
         slow: (6) diagonal damping at rest.
         fade: s/m.
-        length, center: of the strips together, and x of their middle, m.
+        length, center: total length of the strips, and x of their middle, m.
         strips: number of strips.
-        sway, heave: rho C_d d / 2 of each metre, kg/m2.
-        joint: drag by the resultant of both cross flows.
+        sway, heave: rho C_d d / 2 per metre, kg/m2.
+        joint: the drag depends on the resultant of both cross flows.
     """
 
     slow: Six = (0.0,) * 6
@@ -153,7 +154,7 @@ class HullParams:
 
 @dataclass(frozen=True)
 class Appendages:
-    """All of one body."""
+    """All appendages of one body."""
 
     servos: tuple[ServoParams, ...] = ()
     foils: tuple[FoilParams, ...] = ()
@@ -164,14 +165,14 @@ class Appendages:
 
     @property
     def reach(self) -> float:
-        """Farthest part from the origin, m."""
+        """Distance of the farthest part from the origin, m."""
         reach = [float(np.linalg.norm(foil.r)) + foil.radius for foil in self.foils]
         reach += [float(np.linalg.norm(propeller.r)) + 0.5 * propeller.diameter for propeller in self.propellers]
         return max(reach, default=0.0)
 
 
 def servo_rows(appendages: Appendages) -> Records:
-    """SERVO rows, at rest at their neutral."""
+    """Return the SERVO rows, at rest at their neutral values."""
     rows = np.zeros(len(appendages.servos), SERVO)
     for row, servo in zip(rows, appendages.servos, strict=True):
         for name in ("low", "high", "rate", "tau"):
@@ -182,7 +183,7 @@ def servo_rows(appendages: Appendages) -> Records:
 
 
 def appendage_rows(appendages: Appendages, first_servo: int) -> dict[str, Records]:
-    """Rows of all kinds but servos, by the names of `layout.Fitted`; `first_servo` is the row that the body's first servo gets."""
+    """Return the rows of all kinds except servos, by the names of `layout.Fitted`. `first_servo` is the row of the body's first servo."""
     servos = {servo.name: first_servo + k for k, servo in enumerate(appendages.servos)}
     neutral = {servo.name: servo.neutral for servo in appendages.servos}
     return {
@@ -254,7 +255,7 @@ def _check_length(noun: str, length: int, least: int, most: int) -> None:
 
 
 def quadrant_coefficients(series: Series, beta: FloatArray) -> FloatArray:
-    """C_T* and C_Q* (2, n) of a series at advance angles (n), rad; in plain numpy, for checks and bounds."""
+    """Return C_T* and C_Q* (2, n) of a series at advance angles (n), rad; in plain numpy, for checks and bounds."""
     multiples = np.outer(np.arange(len(series)), beta)
     A_T, B_T, A_Q, B_Q = np.array(series).T
     cos, sin = np.cos(multiples), np.sin(multiples)
@@ -262,7 +263,7 @@ def quadrant_coefficients(series: Series, beta: FloatArray) -> FloatArray:
 
 
 def appendage_rates(appendages: Appendages, root: FloatArray) -> tuple[float, FloatArray, float]:
-    """Bounds of the damping's rate that appendages add, as `bodies.damping_rates`.
+    """Return the bounds of the damping rate that appendages add, as `params.damping_rates` does.
 
     Args:
         appendages: of the body.
@@ -300,7 +301,7 @@ def appendage_rates(appendages: Appendages, root: FloatArray) -> tuple[float, Fl
 
 
 def _propeller_slopes(propeller: PropellerParams, speed: float) -> tuple[float, float]:
-    """Bounds a + b |V| of how much thrust a speed V along the axis takes, N s/m, at a shaft speed (rad/s) and below: a and b."""
+    """Return a and b of the bound a + b |V| for the thrust that a speed V along the axis takes away, N s/m, at shaft speeds up to `speed` (rad/s)."""
     if not propeller.series:
         J, KT, _ = np.array(propeller.curve).T
         slope = float(np.abs(np.diff(KT) / np.diff(J)).max())

@@ -1,4 +1,4 @@
-"""Wrench of what is fitted to a hull, and of the hull's own shape, at one instant: foils, propellers, weights, strips, derivatives (compiled)."""
+"""The wrench of a body's appendages, and of the shape of its hull, at one instant: foils, propellers, weights, strips, derivatives (compiled)."""
 
 from __future__ import annotations
 
@@ -13,36 +13,21 @@ from uwserver.physics.dynamics.strips import along_hull, mount_velocity
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, inlined, separate
 from uwserver.physics.kernel.layout import Fitted, Model
-from uwserver.physics.kernel.linear import rotation
+from uwserver.physics.kernel.linear import add_force, rotation, velocity_at
 
 
 @compiled
 def _velocity(body: Any, strips: Array, r: Array, R: Array, work: Array) -> tuple[float, float, float]:
-    """Velocity (m/s, B) through the water of a point r (B, m) of the body whose nu_r is in work[NU_R]."""
+    """Return the velocity (m/s, B) through the water of a point r (B, m) of the body whose nu_r is in work[NU_R]."""
     if body.strip_count > 0:
         return mount_velocity(body, strips, r[0], r[1], r[2], R, work)
-    p, q, s = work[NU_R, 3], work[NU_R, 4], work[NU_R, 5]
-    return (
-        work[NU_R, 0] + q * r[2] - s * r[1],
-        work[NU_R, 1] + s * r[0] - p * r[2],
-        work[NU_R, 2] + p * r[1] - q * r[0],
-    )
-
-
-@compiled
-def _add_at(r: Array, x: float, y: float, z: float, work: Array, tau: int) -> None:
-    """work[tau] += the force (x, y, z) (N, B) that acts at r (B, m)."""
-    work[tau, 0] += x
-    work[tau, 1] += y
-    work[tau, 2] += z
-    work[tau, 3] += r[1] * z - r[2] * y
-    work[tau, 4] += r[2] * x - r[0] * z
-    work[tau, 5] += r[0] * y - r[1] * x
+    return velocity_at(work[NU_R], r[0], r[1], r[2])
 
 
 @compiled
 def _disc(r: Array, radius: float, depth: float, work: Array) -> float:
-    """Submerged part of what reaches `radius` (m) about r (B, m); `depth` is that of the origin, work[UP] the surface's normal in B."""
+    """Return the submerged part of a part that reaches `radius` (m) about r (B, m). `depth` is that of the origin, and work[UP] the surface's
+    normal in B."""
     return float(disc_fraction(depth - work[UP, 0] * r[0] - work[UP, 1] * r[1] - work[UP, 2] * r[2], radius))
 
 
@@ -50,7 +35,7 @@ def _disc(r: Array, radius: float, depth: float, work: Array) -> float:
 def _add_foil(
     foil: Any, velocity: tuple[float, float, float], angle: float, scale: float, work: Array, tau: int
 ) -> None:
-    """work[tau] += lift and drag of one FOIL row that moves through the water with a velocity (m/s, B), at an angle (rad)."""
+    """Add to work[tau] the lift and drag of one FOIL row that moves through the water with a velocity (m/s, B), at an angle (rad)."""
     x, y, z = velocity
     c, n = foil.chord, foil.normal
     ahead, across = x * c[0] + y * c[1] + z * c[2], x * n[0] + y * n[1] + z * n[2]
@@ -58,28 +43,30 @@ def _add_foil(
     along, normal = foil_force(foil, angle, ahead, across, square)
     along *= scale
     normal *= scale
-    _add_at(foil.r, along * c[0] + normal * n[0], along * c[1] + normal * n[1], along * c[2] + normal * n[2], work, tau)
+    fx, fy, fz = along * c[0] + normal * n[0], along * c[1] + normal * n[1], along * c[2] + normal * n[2]
+    add_force(work[tau], foil.r[0], foil.r[1], foil.r[2], fx, fy, fz)
 
 
 @compiled
 def _add_propeller(
     propeller: Any, velocity: tuple[float, float, float], speed: float, scale: float, work: Array
 ) -> None:
-    """work[ACTUATED] += thrust and reaction torque of one PROPELLER row that moves with a velocity (m/s, B), at a shaft speed (rad/s)."""
+    """Add to work[ACTUATED] the thrust and reaction torque of one PROPELLER row that moves with a velocity (m/s, B), at a shaft speed (rad/s)."""
     x, y, z = velocity
     a = propeller.axis
     advance = math.sqrt(x * x + y * y + z * z) if propeller.whole != 0 else x * a[0] + y * a[1] + z * a[2]
     thrust, torque = propeller_force(propeller, speed, advance)
     thrust *= scale
     torque *= scale
-    _add_at(propeller.r, thrust * a[0], thrust * a[1], thrust * a[2], work, ACTUATED)
+    r = propeller.r
+    add_force(work[ACTUATED], r[0], r[1], r[2], thrust * a[0], thrust * a[1], thrust * a[2])
     for i in range(3):
         work[ACTUATED, 3 + i] += torque * a[i]
 
 
 @compiled
 def _add_weight(weight: Any, value: float, R: Array, work: Array) -> None:
-    """work[ACTUATED] += what one WEIGHT row adds to weight and buoyancy."""
+    """Add to work[ACTUATED] what one WEIGHT row adds to weight and buoyancy."""
     change = value - weight.zero
     zx, zy, zz = R[2, 0], R[2, 1], R[2, 2]
     m = weight.moment
@@ -93,8 +80,8 @@ def _add_weight(weight: Any, value: float, R: Array, work: Array) -> None:
 
 @compiled
 def _add_hull(hull: Any, body: Any, strips: Array, fraction: float, R: Array, work: Array) -> None:
-    """work[PASSIVE] += damping that fades with speed, and cross-flow drag: midpoint rule, local sway v + x r, heave w - x q, less that of the
-    water at the place where the body has strips."""
+    """Add to work[PASSIVE] the damping that fades with speed, and the cross-flow drag by the midpoint rule. The local velocities are sway v + x r
+    and heave w - x q; on a hull with strips the local motion of the water is subtracted."""
     u, v, w, q, r = work[NU_R, 0], work[NU_R, 1], work[NU_R, 2], work[NU_R, 4], work[NU_R, 5]
     fading = fraction * math.exp(-hull.fade * math.sqrt(u * u + v * v + w * w))
     for i in range(6):
@@ -120,7 +107,7 @@ def _add_hull(hull: Any, body: Any, strips: Array, fraction: float, R: Array, wo
 def _subtract_water(
     body: Any, strips: Array, s: Array, source: int, t: float, flow: Array, R: Array, work: Array
 ) -> None:
-    """work[NU_R] -= the motion of the water in B."""
+    """Subtract the motion of the water, in B, from work[NU_R]."""
     if body.strip_count > 0:
         along_hull(body, strips, s, source, t, flow, R, work)
         for i in range(6):
@@ -133,7 +120,7 @@ def _subtract_water(
 
 @separate
 def appendages(model: Model, fitted: Fitted, body: Any, flow: Array, t: float, source: int, stage: int, w: Any) -> None:
-    """Fill w.work[ACTUATED] (what has a servo: fins, propellers, weights) and w.work[PASSIVE] (the hull), both in B about the origin.
+    """Fill w.work[ACTUATED] (parts with a servo: fins, propellers, weights) and w.work[PASSIVE] (the hull), both in B about the origin.
 
     Args:
         model, fitted: rows of the world.
@@ -142,7 +129,7 @@ def appendages(model: Model, fitted: Fitted, body: Any, flow: Array, t: float, s
         t: time of the instant, s.
         source: row of w.s that holds the state.
         stage: column of fitted.values, the value of each servo at t.
-        w: SCRATCH record; R and rows of its work are overwritten. A body without appendages leaves it as it is, with zeros in both rows.
+        w: SCRATCH record; R and rows of its work are overwritten. For a body without appendages it stays as it is, with zeros in both rows.
     """
     if body.fitted == 0:
         return

@@ -1,4 +1,4 @@
-"""The rows of one body in the kernel's arrays, made once however many such bodies there are, and behind those that are there."""
+"""The rows of one body in the kernel's arrays, made once for all equal bodies, and how they are appended to the rows of a world."""
 
 from __future__ import annotations
 
@@ -23,11 +23,12 @@ from uwserver.physics.kernel.arrays import IntArray, Records, joined
 from uwserver.physics.kernel.layout import WORLD
 
 _SERVED = ("foils", "propellers", "weights", "derivatives")
-"""What names rows of servos."""
+"""Arrays whose rows name a servo."""
 
 
 class BodyRows(NamedTuple):
-    """Rows of one body at rest, by the names of the arrays. Numbers of servos count from its own first; tables and lags have none yet."""
+    """Rows of one body at rest, by the names of the arrays. Numbers of servos count from the body's first one; numbers of tables and lags are not
+    set yet."""
 
     bodies: Records
     shapes: Records
@@ -43,15 +44,15 @@ class BodyRows(NamedTuple):
 
 
 _KINDS = {name: "wrench" if name == "wrenches" else name[:-1] for name in BodyRows._fields[1:]}
-"""What a BODY row calls its range of an array."""
+"""The name that a BODY row uses for its range of each array."""
 
 
 def rows_of(body: BodyParams, wave_number: float = 0.0) -> BodyRows:
-    """All rows of a body; whoever wants to change them takes a copy.
+    """Return all rows of a body. Copy them before changing them.
 
     Args:
-        body: in a sea with waves of at most
-        wave_number: rad/m; 0 without waves.
+        body: its parameters.
+        wave_number: the largest of the waves of the sea, rad/m; 0 without waves.
     """
     made = BodyRows(
         bodies=body_row(body),
@@ -68,10 +69,10 @@ def rows_of(body: BodyParams, wave_number: float = 0.0) -> BodyRows:
 
 
 def appended(present: Mapping[str, Records], bodies: Sequence[BodyRows]) -> dict[str, Records]:
-    """New arrays of all kinds: the present rows as they are, and behind them those of further bodies.
+    """Return new arrays of all kinds: the present rows unchanged, followed by those of further bodies.
 
     Args:
-        present: by the names of `BodyRows`; what else there is does not matter.
+        present: by the names of `BodyRows`; other entries do not matter.
         bodies: in their order.
     """
     rows = {
@@ -91,7 +92,7 @@ def appended(present: Mapping[str, Records], bodies: Sequence[BodyRows]) -> dict
 
 
 def table_numbers(bodies: Sequence[BodyParams], tables: dict[ForceTable, int], lags: dict[Lag, int]) -> IntArray:
-    """(m, 2) row of the force table and of the lag of each thruster of these bodies; those that are new get the next numbers."""
+    """Return (m, 2) the row of the force table and of the lag of each thruster of these bodies. New tables and lags get the next numbers."""
     known: dict[BodyParams, list[tuple[int, int]]] = {}
     for body in bodies:
         if body not in known:

@@ -1,7 +1,7 @@
-"""Water that moves otherwise than uniformly and steadily, evaluated at points and for all bodies of a world (compiled).
+"""Moving water that is not uniform and steady, evaluated at points and for all bodies of a world (compiled).
 
-Uniform part, depth profiles and linear waves add up; they do not act on each other. Above the still water level profiles and waves are
-continued with their value at that level, where linear theory ends.
+Uniform part, depth profiles and linear waves add up and do not affect each other. Above the still water level profiles and waves keep their value at
+that level, where linear theory ends.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from uwserver.physics.kernel.layout import (
     FLOW_T,
     FLOW_V,
     MOVING,
+    NU,
     WAVE_AMPLITUDE,
     WAVE_DEPTH,
     WAVE_K,
@@ -31,7 +32,7 @@ from uwserver.physics.kernel.layout import (
     WAVY,
     WORLD,
 )  # fmt: skip
-from uwserver.physics.kernel.linear import rotation
+from uwserver.physics.kernel.linear import rotation, velocity_at
 from uwserver.physics.kernel.sharing import share
 
 _sines_and_cosines, _exponentials = elementary.sines_and_cosines.made(), elementary.exponentials.made()
@@ -43,12 +44,12 @@ V, V_T, GRADIENT, ELEVATION, SLOPE, ELEVATION_T, HEAD = 0, 3, 6, 15, 16, 18, 19
 POINT_SIZE = 20
 
 LEAST_FLOWS = 16
-"""In a range of bodies for which a thread finds the water: 5 us and more, with a few waves."""
+"""Fewest bodies in a range for which a thread finds the water: 5 us and more, with a few waves."""
 
 
 @compiled
 def _add_profiles(profiles: Array, z: float, point: Array) -> None:
-    """Add the piecewise cubic profiles (m, 15) at depth z (m)."""
+    """Add the piecewise cubic profiles (m, 15) at depth z (m) to the water at a point."""
     for n in range(profiles.shape[0]):
         if profiles[n, 0] <= z < profiles[n, 1]:
             s = z - profiles[n, 2]
@@ -61,7 +62,7 @@ def _add_profiles(profiles: Array, z: float, point: Array) -> None:
 
 @compiled
 def _fall_off(waves: Array, z: float, along: Array, across: Array, head: Array, work: Array) -> None:
-    """What is left at depth z (m) of the velocities along and across the surface, and of the head, of each wave."""
+    """Write the factors by which each wave has decayed at depth z (m): those of the velocities along and across the surface, and of the head."""
     n, is_deep = len(waves), True
     for i in range(n):
         below = min(max(z, 0.0), waves[i, WAVE_DEPTH])
@@ -87,7 +88,7 @@ def _fall_off(waves: Array, z: float, along: Array, across: Array, head: Array, 
 def _add_waves(waves: Array, x: float, y: float, z: float, t: float, point: Array) -> None:
     """Add linear waves, each of elevation a cos(kx x + ky y - omega t + phase), at a point in N. Airy theory, e.g. Holthuijsen 2007, section 5.4.
 
-    In loops over all waves, for which the processor has wide instructions; sums are made one after the other, so that they do not depend on it.
+    The loops run over all waves, so that the processor can use its wide instructions. Sums are made in order, so that they do not depend on those.
     """
     work = np.empty((9, len(waves)))
     angle, sin, cos, along, across, head = work[0], work[1], work[2], work[3], work[4], work[5]
@@ -111,14 +112,14 @@ def _add_waves(waves: Array, x: float, y: float, z: float, t: float, point: Arra
         u_t, v_t, w_t = u_t + omega * sx, v_t + omega * sy, w_t + omega * c_v
         xx, xy, yy = xx + kx * sx, xy + ky * sx, yy + ky * sy
         zx, zy = zx + kx * c_v, zy + ky * c_v
-        if not 0.0 < z < wave[WAVE_DEPTH]:  # it is held there as it is at the level, or at the bottom
+        if not 0.0 < z < wave[WAVE_DEPTH]:  # beyond them the value at the level or at the bottom holds
             xx_held, yy_held = xx_held + kx * sx, yy_held + ky * sy
             zx_held, zy_held = zx_held + kx * c_v, zy_held + ky * c_v
     point[ELEVATION], point[HEAD] = elevation, heads
     point[SLOPE], point[SLOPE + 1], point[ELEVATION_T] = -slope_x, -slope_y, rise
     point[V], point[V + 1], point[V + 2] = point[V] + u, point[V + 1] + v, point[V + 2] - w
     point[V_T], point[V_T + 1], point[V_T + 2] = point[V_T] + u_t, point[V_T + 1] + v_t, point[V_T + 2] + w_t
-    # Such water does not turn and keeps its volume: the gradient is symmetric, and its trace is zero.
+    # This flow is irrotational and incompressible: the gradient is symmetric, and its trace is zero.
     G = GRADIENT
     point[G], point[G + 1], point[G + 2] = point[G] - xx, point[G + 1] - xy, point[G + 2] - (zx - zx_held)
     point[G + 3], point[G + 4], point[G + 5] = point[G + 3] - xy, point[G + 4] - yy, point[G + 5] - (zy - zy_held)
@@ -128,7 +129,7 @@ def _add_waves(waves: Array, x: float, y: float, z: float, t: float, point: Arra
 
 @compiled
 def water_at(sea: Any, x: float, y: float, z: float, t: float, point: Array) -> None:
-    """The water at a point of N (m) and time t (s).
+    """Find the water at a point of N (m) and a time t (s).
 
     Args:
         sea: `SeaRows`.
@@ -147,12 +148,12 @@ def water_at(sea: Any, x: float, y: float, z: float, t: float, point: Array) -> 
 
 @entry
 def fill_flows(table: Array, sea: Any, t: float, ahead: float) -> None:
-    """The water at the centre of buoyancy and the strips of each body, `ahead` seconds after t on the path that its present velocity leads to.
+    """Find the water at the centre of buoyancy and the strips of each body, `ahead` seconds after t on the path of its present velocity.
 
-    Taken at the middle of a tick, water that is linear in place and time within the tick is right to second order.
+    With the values at the middle of a tick, water that is linear in place and time within the tick is right to second order.
 
     Args:
-        table: of the world's rows (`handles`): flows (n, FLOW_SIZE) and the water in strips out.
+        table: of the world's rows (`handles`); its flows (n, FLOW_SIZE) and the water in strips are filled.
         sea: `SeaRows`.
         t, ahead: s.
     """
@@ -170,7 +171,7 @@ def _fill_range(first: int, end: int, me: int, table: Array, sea: Any, t: float,
         _place_ahead(x, R, r, ahead, p)
         water_at(sea, p[0], p[1], p[2], t + ahead, point)
         for i in range(FLOW_PLANE - FLOW_V):
-            flow[FLOW_V + i] = point[V + i]  # velocity, rate and gradient stand alike in both
+            flow[FLOW_V + i] = point[V + i]  # velocity, rate and gradient have the same order in both
         sx, sy = point[SLOPE], point[SLOPE + 1]
         flow[FLOW_PLANE] = point[ELEVATION] - sx * p[0] - sy * p[1]
         flow[FLOW_PLANE + 1], flow[FLOW_PLANE + 2], flow[FLOW_PLANE + 3] = sx, sy, point[ELEVATION_T]
@@ -189,10 +190,8 @@ def _fill_range(first: int, end: int, me: int, table: Array, sea: Any, t: float,
 
 @compiled
 def _place_ahead(x: Array, R: Array, r: Array, ahead: float, p: Array) -> None:
-    """Where (p, N) the point r (B) of a body in the state x will be after `ahead` seconds with its present velocity."""
-    vx = x[7] + x[11] * r[2] - x[12] * r[1]
-    vy = x[8] + x[12] * r[0] - x[10] * r[2]
-    vz = x[9] + x[10] * r[1] - x[11] * r[0]
+    """Write to p (N) where the point r (B) of a body in the state x will be after `ahead` seconds with its present velocity."""
+    vx, vy, vz = velocity_at(x[NU:], r[0], r[1], r[2])
     for i in range(3):
         mount = R[i, 0] * r[0] + R[i, 1] * r[1] + R[i, 2] * r[2]
         p[i] = x[i] + mount + ahead * (R[i, 0] * vx + R[i, 1] * vy + R[i, 2] * vz)

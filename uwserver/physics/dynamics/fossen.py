@@ -3,11 +3,11 @@
     M_RB nu_dot + C_RB(nu) nu + M_A nu_r_dot + C_A(nu_r) nu_r + D(nu_r) nu_r + g(eta) = tau        (Fossen 2011, eqs. 6.1 and 8.1)
 
 about the body origin, with nu_r = nu - nu_c. The water does not turn: nu_c = [R^T v_c; 0], so nu_c_dot = [R^T dv_c/dt - w x nu_c; 0] in the
-turning body frame, with dv_c/dt along the body's path. Water that accelerates (waves, shear, a drifting current) has a pressure gradient, which
-pulls at a body as at the water that it displaces: the Froude-Krylov force rho V Du/Dt at r_b. Both Coriolis terms are in Kirchhoff form, from
+turning body frame, with dv_c/dt along the body's path. Accelerating water (waves, shear, a drifting current) has a pressure gradient, which
+acts on a body as on the water that it displaces: the Froude-Krylov force rho V Du/Dt at r_b. Both Coriolis terms are in Kirchhoff form, from
 the momenta p = M nu:  C(nu) nu = [w x p_1; v x p_1 + w x p_2]; they do no work by construction.
 
-A hull with strips (`strips`), in waves, sees water that turns: nu_c = [v_c; w_c], the rigid motion that fits the water along it best, and the
+For a hull with strips (`strips`), in waves, the water turns too: nu_c = [v_c; w_c] is the rigid motion that fits the water along it best, and the
 Froude-Krylov force has a moment of its own.
 """
 
@@ -35,7 +35,7 @@ from uwserver.physics.dynamics.scratch import (
     UP,
     WATER,
 )
-from uwserver.physics.dynamics.strips import along_hull, mount_velocity
+from uwserver.physics.dynamics.strips import along_hull, extrapolate, mount_velocity
 from uwserver.physics.dynamics.thruster import thrust
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, inlined, separate
@@ -50,12 +50,12 @@ from uwserver.physics.kernel.layout import (
     STEADY,
     Model,
 )
-from uwserver.physics.kernel.linear import rotation
+from uwserver.physics.kernel.linear import add_force, rotation, to_body, to_world, velocity_at
 
 
 @inlined
 def _multiply_add(M: Array, form: int, work: Array, source: int, scale: float, target: int) -> None:
-    """work[target] += scale M (6, 6) work[source]; `form` of M: 0 zero, 1 diagonal, 2 full."""
+    """Add scale M (6, 6) work[source] to work[target]; `form` of M: 0 zero, 1 diagonal, 2 full."""
     if form == 1:
         for i in range(6):
             work[target, i] += scale * (M[i, i] * work[source, i])
@@ -69,7 +69,7 @@ def _multiply_add(M: Array, form: int, work: Array, source: int, scale: float, t
 
 @compiled
 def _subtract_coriolis(work: Array, velocity: int) -> None:
-    """work[TAU] -= C(v) v for the momentum in work[MOMENTUM] and the velocity in a row."""
+    """Subtract C(v) v from work[TAU], for the momentum in work[MOMENTUM] and the velocity in a row."""
     p0, p1, p2 = work[MOMENTUM, 0], work[MOMENTUM, 1], work[MOMENTUM, 2]
     p3, p4, p5 = work[MOMENTUM, 3], work[MOMENTUM, 4], work[MOMENTUM, 5]
     v0, v1, v2 = work[velocity, 0], work[velocity, 1], work[velocity, 2]
@@ -84,7 +84,7 @@ def _subtract_coriolis(work: Array, velocity: int) -> None:
 
 @compiled
 def _subtract_damping(body: Any, fraction: float, work: Array) -> None:
-    """work[TAU] -= fraction (D_L nu_r + D_Q |nu_r| nu_r + |u_r| D_S nu_r)."""
+    """Subtract fraction (D_L nu_r + D_Q |nu_r| nu_r + |u_r| D_S nu_r) from work[TAU]."""
     _multiply_add(body.D_L, body.form_D_L, work, NU_R, -fraction, TAU)
     if body.form_D_Q != 0:
         for i in range(6):
@@ -96,15 +96,16 @@ def _subtract_damping(body: Any, fraction: float, work: Array) -> None:
 
 @inlined
 def gravity_over_surface(body: Any, z: float) -> float:
-    """Gravity at z of N (m) over that at the surface."""
+    """Return gravity at z of N (m) over gravity at the surface."""
     return 1.0 + body.gravity_growth * max(0.0, z)
 
 
 @compiled
 def _add_restoring(body: Any, R: Array, fraction: float, gravity: float, work: Array) -> None:
-    """work[TAU] += weight at r_g and buoyancy of the submerged fraction at work[CENTER] (B, m); both along the third row of R, which is z_N in B.
+    """Add to work[TAU] the weight at r_g and the buoyancy of the submerged fraction at work[CENTER] (B, m). Both act along the third row of R, which
+    is z_N in B.
 
-    gravity: there over that at the surface.
+    `gravity` is that at the body over that at the surface.
     """
     zx, zy, zz = R[2, 0], R[2, 1], R[2, 2]
     W, B = gravity * body.weight, gravity * (fraction * body.buoyancy)
@@ -121,30 +122,19 @@ def _add_restoring(body: Any, R: Array, fraction: float, gravity: float, work: A
 
 @compiled
 def _find_moving(body: Any, s: Array, source: int, t: float, flow: Array, R: Array, work: Array) -> None:
-    """The water at the centre of buoyancy in N: work[WATER] = [velocity; its rate along the body's path], work[DU_DT] = its acceleration."""
-    r, nu = body.r_b, work[NU]
-    dx, dv = work[EXTRA], work[MOMENTUM]
-    vx = nu[0] + nu[4] * r[2] - nu[5] * r[1]
-    vy = nu[1] + nu[5] * r[0] - nu[3] * r[2]
-    vz = nu[2] + nu[3] * r[1] - nu[4] * r[0]
-    for i in range(3):
-        dx[i] = s[source, i] - flow[FLOW_P + i] + R[i, 0] * r[0] + R[i, 1] * r[1] + R[i, 2] * r[2]
-        dv[i] = R[i, 0] * vx + R[i, 1] * vy + R[i, 2] * vz
-    lapse = t - flow[FLOW_T]
-    for i in range(3):
-        gx, gy, gz = flow[FLOW_GRADIENT + 3 * i], flow[FLOW_GRADIENT + 3 * i + 1], flow[FLOW_GRADIENT + 3 * i + 2]
-        work[WATER, i] = flow[FLOW_V + i] + lapse * flow[FLOW_V_T + i] + gx * dx[0] + gy * dx[1] + gz * dx[2]
-        work[WATER, 3 + i] = flow[FLOW_V_T + i] + gx * dv[0] + gy * dv[1] + gz * dv[2]
-    for i in range(3):
-        work[DU_DT, i] = flow[FLOW_V_T + i]
-        for j in range(3):
-            work[DU_DT, i] += flow[FLOW_GRADIENT + 3 * i + j] * work[WATER, j]
-        dv[i] = 0.0
+    """Find the water at the centre of buoyancy in N: work[WATER] = [velocity; its rate along the body's path], work[DU_DT] = its acceleration."""
+    gradient = flow[FLOW_GRADIENT : FLOW_GRADIENT + 9].reshape((3, 3))
+    place, velocity, rate = flow[FLOW_P : FLOW_P + 3], flow[FLOW_V : FLOW_V + 3], flow[FLOW_V_T : FLOW_V_T + 3]
+    water, lapse = work[WATER], t - flow[FLOW_T]
+    extrapolate(
+        s, source, work[NU], R, body.r_b, place, velocity, rate, gradient, lapse, water[:3], water[3:], work[DU_DT]
+    )
 
 
 @inlined
 def find_water(body: Any, s: Array, source: int, t: float, flow: Array, R: Array, work: Array) -> bool:
-    """The water at the centre of buoyancy in N into work[WATER]; all that `_find_moving` gives and True where it is not steady and uniform."""
+    """Write the water at the centre of buoyancy in N to work[WATER]. If it is not steady and uniform, write all that `_find_moving` gives, and
+    return True."""
     moving = bool(flow[FLOW_KIND] != STEADY)
     if moving:
         _find_moving(body, s, source, t, flow, R, work)
@@ -156,7 +146,7 @@ def find_water(body: Any, s: Array, source: int, t: float, flow: Array, R: Array
 
 @compiled
 def _add_inertia(body: Any, w: Any, source: int, scale: float, target: int) -> None:
-    """w.work[target] += scale M_A w.work[source], with M_A (6, 6) of `near_boundary` for a body that asks for it."""
+    """Add scale M_A w.work[source] to w.work[target], with the M_A (6, 6) of `near_boundary` for a body near boundaries."""
     if body.near_form != NEAR_NOTHING:
         _multiply_add(w.M_A, body.form_M_A, w.work, source, scale, target)
     else:
@@ -165,12 +155,10 @@ def _add_inertia(body: Any, w: Any, source: int, scale: float, target: int) -> N
 
 @separate
 def _add_change_of_mass(body: Any, w: Any, held: float) -> None:
-    """w.work[TAU] += what M_A does that changes with depth (`near_boundary`), at r_b."""
+    """Add to w.work[TAU] the terms by the change of M_A with depth (`near_boundary`), at r_b."""
     work, R = w.work, w.R
     nu_r, b = work[NU_R], body.r_b
-    vx = nu_r[0] + nu_r[4] * b[2] - nu_r[5] * b[1]
-    vy = nu_r[1] + nu_r[5] * b[0] - nu_r[3] * b[2]
-    vz = nu_r[2] + nu_r[3] * b[1] - nu_r[4] * b[0]
+    vx, vy, vz = velocity_at(nu_r, b[0], b[1], b[2])
     for i in range(6):
         work[EXTRA, i] = 0.0
     _multiply_add(w.M_A_z, body.form_M_A, work, NU_R, held, EXTRA)
@@ -179,20 +167,16 @@ def _add_change_of_mass(body: Any, w: Any, held: float) -> None:
         pull += 0.5 * work[EXTRA, i] * nu_r[i]
         work[TAU, i] -= sinking * work[EXTRA, i]
     fx, fy, fz = pull * R[2, 0], pull * R[2, 1], pull * R[2, 2]
-    work[TAU, 0] += fx
-    work[TAU, 1] += fy
-    work[TAU, 2] += fz
-    work[TAU, 3] += b[1] * fz - b[2] * fy
-    work[TAU, 4] += b[2] * fx - b[0] * fz
-    work[TAU, 5] += b[0] * fy - b[1] * fx
+    add_force(work[TAU], b[0], b[1], b[2], fx, fy, fz)
 
 
 @separate
 def _subtract_special_coriolis(body: Any, w: Any, held: float) -> None:
-    """w.work[TAU] -= C_A nu_r and what changes with depth, for a body with strips or near boundaries; apart, as few have either."""
+    """Subtract C_A nu_r and the terms by the change with depth from w.work[TAU], for a body with strips or near boundaries. It is a function of
+    its own, as few bodies have either."""
     work, striped = w.work, body.strip_count > 0
     _add_inertia(body, w, NU_R, held, MOMENTUM)
-    if striped:  # the momentum is seen from axes that turn with the body, not with the water
+    if striped:  # the axes of the momentum turn with the body, not with the water
         for i in range(3, 6):
             work[NU_R, i] += work[STREAM, i]
     _subtract_coriolis(work, NU_R)
@@ -205,7 +189,7 @@ def _subtract_special_coriolis(body: Any, w: Any, held: float) -> None:
 
 @separate
 def _add_special_current(body: Any, w: Any, moving: bool, cx: float, cy: float, cz: float, held: float) -> None:
-    """w.work[TAU] += M_A nu_c_dot of such a body."""
+    """Add M_A nu_c_dot of such a body to w.work[TAU]."""
     if body.strip_count > 0:
         _add_inertia(body, w, STREAM_RATE, held, TAU)
     else:
@@ -215,7 +199,7 @@ def _add_special_current(body: Any, w: Any, moving: bool, cx: float, cy: float, 
 
 @inlined
 def _find_current_rate(moving: bool, R: Array, cx: float, cy: float, cz: float, work: Array) -> None:
-    """work[EXTRA] = nu_c_dot for the current (cx, cy, cz) in B."""
+    """Write nu_c_dot to work[EXTRA], for the current (cx, cy, cz) in B."""
     nu3, nu4, nu5 = work[NU, 3], work[NU, 4], work[NU, 5]
     work[EXTRA, 0] = nu5 * cy - nu4 * cz
     work[EXTRA, 1] = nu3 * cz - nu5 * cx
@@ -228,23 +212,16 @@ def _find_current_rate(moving: bool, R: Array, cx: float, cy: float, cz: float, 
 
 @compiled
 def _add_froude_krylov(R: Array, displaced: float, work: Array) -> None:
-    """work[TAU] += displaced (kg) Du/Dt at work[CENTER] (B, m)."""
-    x, y, z = work[CENTER, 0], work[CENTER, 1], work[CENTER, 2]
-    ax, ay, az = work[DU_DT, 0], work[DU_DT, 1], work[DU_DT, 2]
-    fx = displaced * (R[0, 0] * ax + R[1, 0] * ay + R[2, 0] * az)
-    fy = displaced * (R[0, 1] * ax + R[1, 1] * ay + R[2, 1] * az)
-    fz = displaced * (R[0, 2] * ax + R[1, 2] * ay + R[2, 2] * az)
-    work[TAU, 0] += fx
-    work[TAU, 1] += fy
-    work[TAU, 2] += fz
-    work[TAU, 3] += y * fz - z * fy
-    work[TAU, 4] += z * fx - x * fz
-    work[TAU, 5] += x * fy - y * fx
+    """Add displaced (kg) Du/Dt, acting at work[CENTER] (B, m), to work[TAU]."""
+    ax, ay, az = to_body(R, work[DU_DT, 0], work[DU_DT, 1], work[DU_DT, 2])
+    add_force(
+        work[TAU], work[CENTER, 0], work[CENTER, 1], work[CENTER, 2], displaced * ax, displaced * ay, displaced * az
+    )
 
 
 @compiled
 def _add_prescribed(row: Any, t: float, R: Array, work: Array) -> None:
-    """work[TAU] += bias + amplitude sin(omega t + phase) of one WRENCH row, at stage time t (s)."""
+    """Add bias + amplitude sin(omega t + phase) of one WRENCH row to work[TAU], at stage time t (s)."""
     for i in range(6):
         work[EXTRA, i] = row.bias[i]
     if row.harmonic != 0:
@@ -261,7 +238,8 @@ def _add_prescribed(row: Any, t: float, R: Array, work: Array) -> None:
 
 @compiled
 def _add_contact(body: Any, s: Array, source: int, t: float, R: Array, work: Array) -> None:
-    """work[TAU] += force and moment of the body's contacts, which are given in N: the moment about N's origin, as contacts go ways of their own."""
+    """Add the force and moment of the body's contacts to work[TAU]. They are given in N, the moment about N's origin, because contacts move on
+    their own paths."""
     F, lapse = body.contact, t - body.contact[9]
     x, y, z = s[source, 0], s[source, 1], s[source, 2]
     mx = F[3] + lapse * F[6] - (y * F[2] - z * F[1])
@@ -276,7 +254,8 @@ def _add_contact(body: Any, s: Array, source: int, t: float, R: Array, work: Arr
 def _add_thrusts(
     model: Model, body: Any, stage: int, depth: float, near_surface: bool, striped: bool, R: Array, work: Array
 ) -> None:
-    """work[TAU] += wrench of the body's thrusters in B about the origin. The sums stay out of memory, where each would wait for the one before."""
+    """Add the wrench of the body's thrusters in B about the origin to work[TAU]. The sums are kept in local variables: in memory each addition
+    would wait for the one before."""
     t0, t1, t2 = work[TAU, 0], work[TAU, 1], work[TAU, 2]
     t3, t4, t5 = work[TAU, 3], work[TAU, 4], work[TAU, 5]
     for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
@@ -296,14 +275,14 @@ def _add_thrusts(
 def derivative(
     model: Model, body: Any, flow: Array, t: float, held: float, source: int, target: int, stage: int, w: Any
 ) -> None:
-    """State derivative of one body at one instant: w.s[target] from the state in w.s[source].
+    """Write the state derivative of one body at one instant to w.s[target], from the state in w.s[source].
 
     Args:
         model: all rows of the world.
         body: BODY record.
         flow: (FLOW_SIZE) the water near the body.
         t: time of the instant, s.
-        held: submerged fraction that scales M_A, held within a step.
+        held: submerged fraction that scales M_A; it is constant within a step.
         source, target: rows of w.s.
         stage: column of model.forces, the lagged thrust of each thruster at t.
         w: SCRATCH record; M_inv goes with `held`, and rows ACTUATED, PASSIVE and EXTERNAL of its work are added to the forces. Afterwards row
@@ -321,10 +300,7 @@ def derivative(
     moving = striped or find_water(body, s, source, t, flow, R, work)
     if striped:
         along_hull(body, model.strips, s, source, t, flow, R, work)
-    ux, uy, uz = work[WATER, 0], work[WATER, 1], work[WATER, 2]
-    cx = R[0, 0] * ux + R[1, 0] * uy + R[2, 0] * uz
-    cy = R[0, 1] * ux + R[1, 1] * uy + R[2, 1] * uz
-    cz = R[0, 2] * ux + R[1, 2] * uy + R[2, 2] * uz
+    cx, cy, cz = to_body(R, work[WATER, 0], work[WATER, 1], work[WATER, 2])
     if striped:
         for i in range(6):
             work[NU_R, i] -= work[STREAM, i]
@@ -376,10 +352,9 @@ def derivative(
     for i in range(6):
         work[EXTRA, i] = 0.0
     _multiply_add(w.M_inv, max(body.form_M_RB, body.form_M_A), work, TAU, 1.0, EXTRA)
-    for i in range(3):
-        s[target, i] = R[i, 0] * work[NU, 0] + R[i, 1] * work[NU, 1] + R[i, 2] * work[NU, 2]
+    s[target, 0], s[target, 1], s[target, 2] = to_world(R, work[NU, 0], work[NU, 1], work[NU, 2])
+    for i in range(6):
         s[target, 7 + i] = work[EXTRA, i]
-        s[target, 10 + i] = work[EXTRA, 3 + i]
     nu3, nu4, nu5 = work[NU, 3], work[NU, 4], work[NU, 5]
     w, a, b, c = 0.5 * s[source, 3], 0.5 * s[source, 4], 0.5 * s[source, 5], 0.5 * s[source, 6]
     s[target, 3] = -a * nu3 - b * nu4 - c * nu5

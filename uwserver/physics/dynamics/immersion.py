@@ -1,4 +1,4 @@
-"""Submerged volume and its centre for boxes and spheres cut by the water surface (compiled).
+"""Submerged volume, and its centre, of boxes and spheres that the water surface cuts (compiled).
 
 Near a body the surface is a plane: z = 0 of N, or in waves the plane that touches the surface at the body (`layout.FLOW_PLANE`).
 """
@@ -20,7 +20,7 @@ _FACES = np.array([[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2
 
 @compiled
 def sphere_fraction(depth: float, radius: float, up: Array, offset: Array) -> float:
-    """Submerged part of a sphere whose centre is `depth` (m, positive down) below the surface.
+    """Return the submerged part of a sphere whose centre is `depth` (m, positive down) below the surface.
 
     `offset` (3) receives the centre of the submerged part relative to the sphere's centre, along `up` (3), the unit normal of the surface.
     Spherical cap of height h: V = pi h^2 (3r - h) / 3, centroid 3 (2r - h)^2 / (4 (3r - h)) from the centre.
@@ -40,7 +40,7 @@ def sphere_fraction(depth: float, radius: float, up: Array, offset: Array) -> fl
 
 @compiled
 def box_fraction(depth: float, half: Array, up: Array, offset: Array) -> float:
-    """Submerged part of a box whose centre is `depth` (m, positive down) below a plane surface; exact for any attitude.
+    """Return the submerged part of a box whose centre is `depth` (m, positive down) below a plane surface; exact for any attitude.
 
     `half` (3) are the half edges, `up` (3) the surface's unit normal in the box's axes, `offset` (3) receives the centre of the submerged
     part relative to the box's centre. Divergence theorem over the clipped faces, with the apex of all tetrahedra on the water plane, so
@@ -75,7 +75,7 @@ def box_fraction(depth: float, half: Array, up: Array, offset: Array) -> float:
 
 @compiled
 def _clip_face(face: int, half: Array, up: Array, depth: float, polygon: Array) -> int:
-    """Sutherland-Hodgman: the part of a face below the plane up . x = depth, into `polygon`; returns its corner count."""
+    """Write the part of a face below the plane up . x = depth to `polygon`, and return its number of corners (Sutherland and Hodgman)."""
     n = 0
     for k in range(4):
         a, b = _FACES[face, k], _FACES[face, (k + 1) % 4]
@@ -101,7 +101,7 @@ def _clip_face(face: int, half: Array, up: Array, depth: float, polygon: Array) 
 
 @compiled
 def disc_fraction(depth: float, radius: float) -> float:
-    """Submerged part of a vertical propeller disc of `radius` (m) whose hub is `depth` (m, positive down) below the surface."""
+    """Return the submerged part of a vertical propeller disc of `radius` (m) whose hub is `depth` (m, positive down) below the surface."""
     if depth >= radius:
         return 1.0
     if depth <= -radius:
@@ -112,7 +112,7 @@ def disc_fraction(depth: float, radius: float) -> float:
 
 @compiled
 def depth_below(flow: Array, x: float, y: float, z: float, t: float) -> float:
-    """Distance (m, positive below) of a point in N from the plane of the surface at time t (s)."""
+    """Return the distance (m, positive below) of a point in N from the plane of the surface at time t (s)."""
     if flow[FLOW_KIND] < WAVY:
         return z
     sx, sy = flow[FLOW_PLANE + 1], flow[FLOW_PLANE + 2]
@@ -122,7 +122,7 @@ def depth_below(flow: Array, x: float, y: float, z: float, t: float) -> float:
 
 @compiled
 def upward(flow: Array, R: Array, up: Array) -> None:
-    """`up` (3) receives the unit normal of the surface, out of the water, in B; R (3, 3) is R_NB."""
+    """Write the unit normal of the surface, out of the water, in B to `up` (3); R (3, 3) is R_NB."""
     for i in range(3):
         up[i] = -R[2, i]
     if flow[FLOW_KIND] == WAVY:
@@ -134,7 +134,7 @@ def upward(flow: Array, R: Array, up: Array) -> None:
 
 @compiled
 def immersion(body: Any, shapes: Array, depth: float, center: Array, scratch: Array) -> float:
-    """Submerged fraction of a body's displaced volume; `center` (3) receives the centre of buoyancy in B.
+    """Return the submerged fraction of a body's displaced volume, and write the centre of buoyancy in B to `center` (3).
 
     Args:
         body: a BODY record.

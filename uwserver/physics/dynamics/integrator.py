@@ -1,4 +1,4 @@
-"""One tick for all bodies of a world in one compiled call, and their rates of change at an instant; how one body is stepped: `runge_kutta`."""
+"""One tick of all bodies of a world in one compiled call, and their rates of change at an instant. `runge_kutta` steps a single body."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from uwserver.physics.kernel.sharing import share
 DIVERGED_SPEED = 1e6  # m/s or rad/s: long before numbers overflow
 
 LEAST_BODIES = 6
-"""In a range of bodies that a thread steps: some 5 us."""
+"""Fewest bodies in a range that a thread steps: some 5 us."""
 LEAST_RATES = 24
-"""Likewise, whose rates of change it finds."""
+"""Fewest bodies in a range whose rates of change a thread finds."""
 
 
 @compiled
 def _no_appendages(w: Any) -> None:
-    """For the next body."""
+    """Clear the rows of appendages, for the next body."""
     for i in range(6):
         w.work[ACTUATED, i] = w.work[PASSIVE, i] = 0.0
 
 
 @inlined
 def step_any(model: Model, fitted: Any, n: int, x: Array, flow: Array, t: float, dt: float, w: Any) -> None:
-    """`step_body` of any body of a world, with its appendages if it has some."""
+    """Step any body of a world as `step_body` does, and clear the rows of its appendages afterwards."""
     step_body(model, fitted, n, x, flow, t, dt, w)
     if fitted is not None:
         _no_appendages(w)
@@ -39,14 +39,14 @@ def step_any(model: Model, fitted: Any, n: int, x: Array, flow: Array, t: float,
 
 @compiled
 def set_demands(model: Model, body: Any) -> None:
-    """Let the thrusters of a body follow what they were last commanded."""
+    """Set the demands of the thrusters of a body from their last commands."""
     for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
         set_demand(model.thrusters[k], model.tables)
 
 
 @compiled
 def keep_state(s: Array, x: Array) -> bool:
-    """Copy s[STATE] to x (13); False if it is not finite or absurdly fast."""
+    """Copy s[STATE] to x (13). Return False if it is not finite or absurdly fast."""
     sound = True
     for i in range(STATE_SIZE):
         value = s[STATE, i]
@@ -59,7 +59,7 @@ def keep_state(s: Array, x: Array) -> bool:
 
 @entry
 def advance(table: Array, t: float, dt: float) -> int:
-    """Carry all bodies of a world without appendages from t to t + dt, in place.
+    """Move all bodies of a world without appendages from t to t + dt, in place.
 
     Args:
         table: of the world's rows, states (n, 13) p_NB, q_NB, nu, and flows (`handles`); the water near each body is linear in place and
@@ -74,13 +74,14 @@ def advance(table: Array, t: float, dt: float) -> int:
 
 @entry
 def advance_fitted(table: Array, t: float, dt: float) -> int:
-    """`advance` for a world where a body has appendages: apart, as it takes twice as long to compile, and most worlds have none."""
+    """Do what `advance` does, for a world where a body has appendages. It is a separate entry, as it takes twice as long to compile and most
+    worlds have none."""
     return _advance(table, fitted_at(table), t, dt)
 
 
 @compiled
 def _advance(table: Array, fitted: Any, t: float, dt: float) -> int:
-    """`fitted` is None for a world without appendages, so that the compiler leaves out all that concerns them."""
+    """Move all bodies. `fitted` is None for a world without appendages, so that the compiler leaves out all code for them."""
     count, scratch = state_at(table).shape[0], scratch_at(table)
     for k in range(scratch.shape[0]):
         scratch[k].diverged = count
@@ -108,7 +109,8 @@ def _advance_range(first: int, end: int, me: int, table: Array, fitted: Any, t: 
 
 @entry
 def rates_of_change(table: Array, t: float, nu_dot: Array, tau: Array) -> None:
-    """Acceleration and applied wrench of all bodies of a world without appendages at one instant, from the present lag states; changes no state.
+    """Find acceleration and applied wrench of all bodies of a world without appendages at one instant, from the present states of the lags. No
+    state changes.
 
     Args:
         table, t: as for `advance`.
@@ -121,7 +123,7 @@ def rates_of_change(table: Array, t: float, nu_dot: Array, tau: Array) -> None:
 
 @entry
 def rates_of_change_fitted(table: Array, t: float, nu_dot: Array, tau: Array) -> None:
-    """`rates_of_change` for a world where a body has appendages."""
+    """Do what `rates_of_change` does, for a world where a body has appendages."""
     _rates_of_change(table, fitted_at(table), t, nu_dot, tau)
 
 

@@ -1,9 +1,9 @@
 """How the added mass of a hull changes near a level bottom and near the surface, by the method of images (compiled).
 
-A bottom mirrors the flow, so that the hull moves beside its image: added mass grows. The surface, for motions that are quick against sqrt(g/a),
-is one of constant potential, which the image meets with the opposite sign: added mass falls. As M_A then depends on the depth z, Lagrange's
-equations have two more terms: -z_dot dM_A/dz nu_r, and the force nu_r^T dM_A/dz nu_r / 2 along z, which draws what moves to the bottom. With
-them no energy comes from nowhere.
+A bottom mirrors the flow, as if the hull moved beside its image: added mass grows. The surface, for motions that are quick against sqrt(g/a), has a
+constant potential, so its image has the opposite sign: added mass falls. As M_A then depends on the depth z, Lagrange's equations have two more
+terms: -z_dot dM_A/dz nu_r, and the force nu_r^T dM_A/dz nu_r / 2 along z, which draws a moving body to the bottom. With both terms energy is
+conserved.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from uwserver.physics.kernel.layout import NEAR_CYLINDER, NEAR_SPHERE
 _IMAGES = 400
 _LEAST = 1e-12
 _STEP = 1e-4
-"""Of the difference that gives the derivative, in radii."""
+"""Step of the difference quotient for the derivative, in radii."""
 
 
 @compiled
 def sum_of_images(height: float, sign: float, power: int) -> float:
-    """Strength of all images of a dipole at a distance `height` (radii, at least 1) of a plane, over its own.
+    """Return the strength of all images of a dipole at a distance `height` (radii, at least 1) from a plane, over its own strength.
 
-    The first is that in the plane; each following one is the image of the last in the body. power: 2 of a circle, 3 of a sphere on its
-    axis; sign: 1 a wall, -1 a surface of constant potential.
+    The first image is the one in the plane; each following one is the image of the last in the body. power: 2 for a circle, 3 for a sphere on its
+    axis; sign: 1 for a wall, -1 for a surface of constant potential.
     """
     total, strength, offset = 0.0, 1.0, 0.0
     for _ in range(_IMAGES):
@@ -44,7 +44,7 @@ def sum_of_images(height: float, sign: float, power: int) -> float:
 
 @compiled
 def growth(form: int, height: float, sign: float) -> tuple[float, float]:
-    """What is added to the factors (1) of added mass along and square to a plane at `height` (radii).
+    """Return what is added to the factors (1) of added mass along a plane and perpendicular to it, at `height` (radii).
 
     Cylinder along the plane: exact, M = rho pi a^2 (1 + 2 sum of images) in both directions across it, 1 + a^2 / (2 h^2) far away and
     pi^2/3 - 1 at the wall (Yamamoto, Nath and Slotta 1974). Sphere: exact square to the plane, M = 2/3 pi rho a^3 (1 + 3 sum of images),
@@ -59,7 +59,7 @@ def growth(form: int, height: float, sign: float) -> tuple[float, float]:
 
 @compiled
 def _both(form: int, depth: float, clearance: float) -> tuple[float, float]:
-    """Factors along and square to surface and bottom, at a depth and a height above the bottom in radii."""
+    """Return the factors along surface and bottom and perpendicular to them, at a depth and a height above the bottom in radii."""
     along, square = growth(form, depth, -1.0)
     if clearance < np.inf:
         more_along, more_square = growth(form, clearance, 1.0)
@@ -70,9 +70,9 @@ def _both(form: int, depth: float, clearance: float) -> tuple[float, float]:
 
 @separate
 def set_near_mass(body: Any, x: float, y: float, z: float, t: float, flow: Array, w: Any) -> None:
-    """w.M_A and w.M_A_z of a body whose origin is at (x, y, z) (N, m) at t (s), and whose rotation is w.R.
+    """Set w.M_A and w.M_A_z of a body whose origin is at (x, y, z) (N, m) at t (s), and whose rotation is w.R.
 
-    Factors belong to axes of B: the hull is taken as lying level, a cylinder along x. Depth and height are those of the centre of buoyancy.
+    The factors apply to axes of B: the hull is assumed to lie level, and a cylinder along x. Depth and height are those of the centre of buoyancy.
     """
     a, b, R = body.near_radius, body.r_b, w.R
     upward(flow, R, w.small[0])

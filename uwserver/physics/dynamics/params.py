@@ -1,4 +1,4 @@
-"""Typed parameters of bodies and thrusters, and their rows in the kernel's arrays."""
+"""Typed parameters of bodies and thrusters, with the lags of thrusters, and their rows in the kernel's arrays."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from uwserver.physics.kernel.layout import (
 
 @dataclass(frozen=True)
 class Lag:
-    """Transfer function (b2 s2 + b1 s + b0) / (s3 + a2 s2 + a1 s + a0), or a first-order or no lag.
+    """Linear lag of an actuator with the transfer function (b2 s2 + b1 s + b0) / (s3 + a2 s2 + a1 s + a0), or a first-order or no lag.
 
     Attributes:
         numerator: (b0, b1, b2).
@@ -38,11 +38,11 @@ class Lag:
 
     @classmethod
     def first_order(cls, tau: float) -> Lag:
-        """1 / (tau s + 1); tau in s."""
+        """Return the lag 1 / (tau s + 1); tau in s."""
         return cls((), (1.0 / tau,)) if tau > 0.0 else cls()
 
     def transition(self, dt: float) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-        """Exact transition over half a sub-step, for each number of sub-steps 2**level of a tick of dt seconds.
+        """Return the exact transition over half a sub-step, for each number of sub-steps 2**level of a tick of dt seconds.
 
         Returns:
             F (levels, 3, 3), G (levels, 3), C (3), D: x+ = F x + G u, y = C x + D u.
@@ -67,7 +67,7 @@ class Lag:
             return A, B, C, 0.0
         a0, a1, a2 = self.denominator
         b0, b1, b2 = self.numerator
-        # States scaled by a0 so that x[0] is the output of an all-pole lag: comparable magnitudes, an accurate exponential.
+        # The states are scaled by a0, so that x[0] is the output of an all-pole lag. Comparable magnitudes make the exponential accurate.
         A[0, 1] = A[1, 2] = 1.0
         A[2] = -a0, -a1, -a2
         B[2] = a0
@@ -76,9 +76,9 @@ class Lag:
 
 
 def expm(M: FloatArray) -> FloatArray:
-    """Matrix exponential by scaling, a Taylor series of degree 18 and squaring; for the small, load-time matrices of this module.
+    """Return a matrix exponential by scaling, a Taylor series of degree 18 and squaring, for the small matrices that are made at load.
 
-    (scipy has one, but importing scipy would cost a third of the start-up budget.)
+    scipy has one, but importing scipy would take a third of the time that a start may take.
     """
     squarings = max(0, int(np.ceil(np.log2(max(1e-300, float(np.linalg.norm(M, 1)))))) + 1)
     scaled = M / 2.0**squarings
@@ -93,7 +93,7 @@ def expm(M: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class BuoyancyShape:
-    """A box (`half` edges, m) or sphere (radius in ``half[0]``) at `center` (B, m); `volume` in m3 weighs it against the others."""
+    """A box (`half` edges, m) or a sphere (radius in ``half[0]``) at `center` (B, m). `volume` (m3) is its weight relative to the other shapes."""
 
     kind: int
     center: Vec3
@@ -103,7 +103,7 @@ class BuoyancyShape:
 
 @dataclass(frozen=True)
 class ForceTable:
-    """Static force (N) of a propulsor: one curve of (u, force) points a supply voltage, both ascending; at most 8 curves of 48 points."""
+    """Static force (N) of a thruster: for each supply voltage one curve of (u, force) points, both ascending; at most 8 curves of 48 points."""
 
     voltages: tuple[float, ...]
     curves: tuple[tuple[tuple[float, float], ...], ...]
@@ -111,7 +111,7 @@ class ForceTable:
 
 @dataclass(frozen=True)
 class ThrusterParams:
-    """One propulsor; frames and units as in `layout.THRUSTER`."""
+    """One thruster; frames and units as in `layout.THRUSTER`."""
 
     name: str
     r: Vec3
@@ -129,13 +129,13 @@ class ThrusterParams:
 
     @property
     def reach(self) -> float:
-        """Farthest place from the origin whose depth decides its thrust, m."""
+        """Distance from the origin to the farthest place whose depth affects the thrust, m."""
         return float(np.linalg.norm(self.r)) + (1.3 if self.ventilates else 1.0) * self.disc_radius
 
 
 @dataclass(frozen=True)
 class NearBoundary:
-    """What a hull is taken for where surface or bottom change its added mass: `form` of `layout`, and the radius (m)."""
+    """The shape as which a hull is treated where surface or bottom change its added mass: `form` of `layout`, and the radius (m)."""
 
     form: int = NEAR_NOTHING
     radius: float = 0.0
@@ -143,18 +143,18 @@ class NearBoundary:
 
 @dataclass(frozen=True, eq=False)
 class BodyParams:
-    """One rigid body in water of the scenario's density, about its origin, in B.
+    """One rigid body in water of the scenario's density. All is about its origin, in B.
 
     Attributes:
         M_RB, M_A: (6, 6) rigid-body inertia and added mass.
         D_L, D_Q, D_S: (6, 6) linear, quadratic and speed-proportional damping.
         weight, buoyancy: N, at the surface.
         r_g, r_b: centre of gravity and of buoyancy, m.
-        shapes: geometry of the displaced volume; without any the body is always submerged.
-        gravity_growth: of both with depth, relative, 1/m.
-        displaced: mass of the displaced water, kg, which counts in unsteady water; default: buoyancy over 9.81 m/s2.
-        appendages: fins, propellers, ballast, and what the hull's shape adds to the matrices.
-        length: of the hull along x, over which it feels waves, m; None: that of the shapes; 0: none, it feels them at r_b alone.
+        shapes: geometry of the displaced volume; a body without shapes is always submerged.
+        gravity_growth: relative growth of weight and buoyancy with depth, 1/m.
+        displaced: mass of the displaced water, kg, which matters in unsteady water; default: buoyancy over 9.81 m/s2.
+        appendages: fins, propellers, ballast, and terms of the hull's shape beside the matrices.
+        length: length of the hull along x over which waves act, m; None: that of the shapes; 0: waves act at r_b alone.
         near: how surface and bottom change M_A.
     """
 
@@ -178,7 +178,7 @@ class BodyParams:
 
 
 def rigid_body_inertia(mass: float, inertia_com: FloatArray, r_g: Vec3) -> FloatArray:
-    """M_RB (6, 6) about the origin from mass (kg), inertia about the centre of mass (3, 3, kg m2) and r_g (m). Fossen 2011, eq. 3.44."""
+    """Return M_RB (6, 6) about the origin from mass (kg), inertia about the centre of mass (3, 3, kg m2) and r_g (m). Fossen 2011, eq. 3.44."""
     x, y, z = r_g
     S = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     M = np.zeros((6, 6))
@@ -190,7 +190,7 @@ def rigid_body_inertia(mass: float, inertia_com: FloatArray, r_g: Vec3) -> Float
 
 
 def damping_rates(body: BodyParams) -> tuple[float, FloatArray, float]:
-    """Bounds of the damping's fastest rate: rate_L (1/s), rate_Q (6) and rate_S, for `layout.BODY`.
+    """Return bounds of the fastest damping rate: rate_L (1/s), rate_Q (6) and rate_S, for `layout.BODY`.
 
     Spectral norms in the metric of M, so that metres and radians may be mixed: ||M^-1/2 D M^-1/2||; the quadratic term contributes its
     slope, 2 D_Q |nu_j|, column by column, the speed-proportional one at most 2 |u| D_S.
@@ -213,14 +213,14 @@ def damping_rates(body: BodyParams) -> tuple[float, FloatArray, float]:
 
 
 def _form(M: FloatArray) -> int:
-    """0 for a zero matrix, 1 for a diagonal one, 2 for any other."""
+    """Return 0 for a zero matrix, 1 for a diagonal one, 2 for any other."""
     if not M.any():
         return 0
     return 2 if (M - np.diag(np.diag(M))).any() else 1
 
 
 def body_row(body: BodyParams) -> Records:
-    """The BODY row (1) of a body, without its ranges."""
+    """Return the BODY row (1) of a body, without its ranges."""
     row = np.zeros(1, BODY)
     for name in ("M_RB", "M_A", "D_L", "D_Q", "D_S", "weight", "buoyancy", "gravity_growth", "r_g", "r_b"):
         row[name] = getattr(body, name)
@@ -229,7 +229,7 @@ def body_row(body: BodyParams) -> Records:
     for name in ("M_RB", "M_A", "D_L", "D_Q", "D_S"):
         row[f"form_{name}"] = _form(getattr(body, name))
     row["rate_L"], row["rate_Q"], row["rate_S"] = damping_rates(body)
-    # Of the shapes as they end up, moved to r_b.
+    # The shapes at their final places, moved to r_b.
     reach = [
         float(
             np.linalg.norm(shape["center"])
@@ -248,12 +248,12 @@ def body_row(body: BodyParams) -> Records:
 
 
 def line_of(body: BodyParams) -> HullLine:
-    """The line along which a body has strips in waves."""
+    """Return the line along which a body has strips in waves."""
     return hull_line(shape_rows(body), body.r_b, body.length)
 
 
 def shape_rows(body: BodyParams) -> Records:
-    """SHAPE rows, moved together so that their common centre is r_b, with shares that add up to 1."""
+    """Return the SHAPE rows, moved together so that their common centre is r_b, with shares that add up to 1."""
     rows = np.zeros(len(body.shapes), SHAPE)
     total = sum(shape.volume for shape in body.shapes)
     if not body.shapes:
@@ -268,13 +268,13 @@ def shape_rows(body: BodyParams) -> Records:
 
 
 def _line(params: ThrusterParams) -> FloatArray:
-    """(6) axis and moment of a unit force of a thruster, about the origin in B."""
+    """Return (6) axis and moment of a unit force of a thruster, about the origin in B."""
     axis = np.array(params.axis) / np.linalg.norm(params.axis)
     return np.concatenate([axis, np.cross(params.r, axis)])
 
 
 def thruster_row(params: ThrusterParams, table: int, lag: int) -> Records:
-    """The THRUSTER row (1), at rest, with the rows of its force table and lag."""
+    """Return the THRUSTER row (1), at rest, with the rows of its force table and lag."""
     row = np.zeros(1, THRUSTER)
     for name in ("r", "voltage", "inflow", "drag", "disc_radius", "installed", "cross_loss", "ventilates"):
         row[name] = getattr(params, name)
@@ -286,14 +286,14 @@ def thruster_row(params: ThrusterParams, table: int, lag: int) -> Records:
 
 
 def lag_row(lag: Lag, dt: float) -> Records:
-    """The LAG row (1) of a lag for a tick of dt seconds."""
+    """Return the LAG row (1) of a lag for a tick of dt seconds."""
     row = np.zeros(1, LAG)
     row["F"], row["G"], row["C"], row["D"] = lag.transition(dt)
     return row
 
 
 def table_row(table: ForceTable) -> Records:
-    """The TABLE row (1) of a force table; curves with fewer points are padded by their last."""
+    """Return the TABLE row (1) of a force table. Curves with fewer points are padded with their last point."""
     if not 1 <= len(table.voltages) <= TABLE_VOLTAGES or any(not 1 < len(c) <= TABLE_SIZE for c in table.curves):
         raise ValueError(f"a force table takes 1..{TABLE_VOLTAGES} voltages and 2..{TABLE_SIZE} points each")
     row = np.zeros(1, TABLE)
@@ -306,5 +306,5 @@ def table_row(table: ForceTable) -> Records:
 
 
 def wrench_rows(count: int) -> Records:
-    """`count` WRENCH rows of zero force in B."""
+    """Return `count` WRENCH rows of zero force in B."""
     return np.zeros(count, WRENCH)

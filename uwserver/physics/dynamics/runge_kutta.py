@@ -1,8 +1,8 @@
-"""One tick of one body, compiled: RK4 with sub-steps, and a linearly implicit fallback for a stiff one.
+"""One tick of one body (compiled): RK4 with sub-steps, and a linearly implicit fallback for a stiff body.
 
-RK4 is stable while rate * dt < 2.78; sub-steps keep rate * dt / n below 1.5, where `rate` bounds the fastest damping rate at the present
-velocity and at the one that the present acceleration leads to (`bodies.damping_rates`). A body that would need more than 16 sub-steps is
-stepped by the Rosenbrock-Euler rule instead, with the damping's Jacobian: first order, and stable at any step.
+RK4 is stable while rate * dt < 2.78. Sub-steps keep rate * dt / n below 1.5, where `rate` bounds the fastest damping rate at the present velocity and
+at the one to which the present acceleration leads (`params.damping_rates`). A body that would need more than 16 sub-steps is stepped by the
+Rosenbrock-Euler rule instead, with the Jacobian of the damping: first order, and stable at any step.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from uwserver.physics.dynamics.thruster import advance_lag, lagged
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, inlined
 from uwserver.physics.kernel.layout import FLOW_PLANE, FLOW_V, NEAR_NOTHING, STATE_SIZE, Model
-from uwserver.physics.kernel.linear import rotation, solve
+from uwserver.physics.kernel.linear import rotation, solve, to_world
 
 MAX_LEVEL = 4
 STABLE = 1.5
@@ -30,9 +30,9 @@ STABLE = 1.5
 
 @compiled
 def _damping_rate(body: Any, s: Array, work: Array, flow: Array, dt: float) -> float:
-    """Upper bound of the fastest damping rate, 1/s, in a tick that starts at s[STATE] with the derivative s[K1].
+    """Return an upper bound of the fastest damping rate, 1/s, in a tick that starts at s[STATE] with the derivative s[K1].
 
-    Quadratic damping has no rate at rest: a light body under a sudden force needs the speed that it will have.
+    Quadratic damping has no rate at rest, so for a light body under a sudden force the speed at the end of the tick counts.
     """
     speed = math.sqrt(flow[FLOW_V] ** 2 + flow[FLOW_V + 1] ** 2 + flow[FLOW_V + 2] ** 2)
     rate = float(body.rate_L)
@@ -51,9 +51,9 @@ def _damping_rate(body: Any, s: Array, work: Array, flow: Array, dt: float) -> f
 
 @compiled
 def hold_inertia(shapes: Array, body: Any, x: Array, flow: Array, t: float, dt: float, w: Any) -> float:
-    """Submerged fraction that holds in a step; w.M_inv receives the inverse inertia that goes with it.
+    """Return the submerged fraction that holds in a step, and write the inverse inertia for it to w.M_inv.
 
-    The fraction is that of half a step on: with the one at its start a bobbing body, always late, would gain energy.
+    The fraction is that after half a step. With the one at the start, which always lags behind, a bobbing body would gain energy.
     """
     fraction = 1.0
     reach = body.radius + dt * (abs(x[7]) + abs(x[8]) + abs(x[9]) + abs(flow[FLOW_PLANE + 3]))
@@ -62,9 +62,8 @@ def hold_inertia(shapes: Array, body: Any, x: Array, flow: Array, t: float, dt: 
     if near_surface or near:
         R, half = w.R, 0.5 * dt
         rotation(x[3], x[4], x[5], x[6], R)
-        on_x = x[0] + half * (R[0, 0] * x[7] + R[0, 1] * x[8] + R[0, 2] * x[9])
-        on_y = x[1] + half * (R[1, 0] * x[7] + R[1, 1] * x[8] + R[1, 2] * x[9])
-        on_z = x[2] + half * (R[2, 0] * x[7] + R[2, 1] * x[8] + R[2, 2] * x[9])
+        north, east, down = to_world(R, x[7], x[8], x[9])
+        on_x, on_y, on_z = x[0] + half * north, x[1] + half * east, x[2] + half * down
         if near:
             set_near_mass(body, on_x, on_y, on_z, t + half, flow, w)
         if near_surface:
@@ -85,7 +84,7 @@ def hold_inertia(shapes: Array, body: Any, x: Array, flow: Array, t: float, dt: 
 
 @compiled
 def _advance_servos(fitted: Any, body: Any, half: float) -> None:
-    """Values of the body's servos now, `half` (s) on and twice that on; the servos move on to the last."""
+    """Write the values of the body's servos now, after `half` (s) and after twice that; the servos advance to the last value."""
     for k in range(body.servo_first, body.servo_first + body.servo_count):
         servo, values = fitted.servos[k], fitted.values
         values[k, 0] = servo.value
@@ -95,7 +94,7 @@ def _advance_servos(fitted: Any, body: Any, half: float) -> None:
 
 @compiled
 def present_appendages(model: Model, fitted: Any, body: Any, flow: Array, t: float, w: Any) -> None:
-    """Wrench of the body's appendages at w.s[STATE], from the present values of its servos, in w.work."""
+    """Write the wrench of the body's appendages at w.s[STATE], for the present values of its servos, to w.work."""
     for k in range(body.servo_first, body.servo_first + body.servo_count):
         fitted.values[k, 0] = fitted.servos[k].value
     appendages(model, fitted, body, flow, t, STATE, 0, w)
@@ -103,9 +102,22 @@ def present_appendages(model: Model, fitted: Any, body: Any, flow: Array, t: flo
 
 @compiled
 def present_forces(model: Model, body: Any) -> None:
-    """Thrust of the body's thrusters by the present states of their lags, as that of the first stage."""
+    """Write the thrust of the body's thrusters for the present states of their lags, as that of the first stage."""
     for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
         model.forces[k, 0] = lagged(model.thrusters[k], model.lags[model.thrusters[k].lag])
+
+
+@compiled
+def _stage(
+    model: Model, fitted: Any, body: Any, flow: Array, t: float, ahead: float, held: float, slope: int, target: int, stage: int, w: Any
+) -> None:  # fmt: skip
+    """Find the derivative w.s[target] at the time t, in the state that is `ahead` s on from w.s[STATE] along the slope w.s[slope]; `stage` is the
+    column of the forces of thrusters and the values of servos at t."""
+    for i in range(STATE_SIZE):
+        w.s[STAGE, i] = w.s[STATE, i] + ahead * w.s[slope, i]
+    if fitted is not None:
+        appendages(model, fitted, body, flow, t, STAGE, stage, w)
+    derivative(model, body, flow, t, held, STAGE, target, stage, w)
 
 
 @inlined
@@ -121,9 +133,9 @@ def _rk4(
     begun: bool,
     w: Any,
 ) -> None:
-    """One classical Runge-Kutta step of length h of w.s[STATE], in place; `begun`: w.forces[0] and w.s[K1] are there already.
+    """Make one classical Runge-Kutta step of length h of w.s[STATE], in place. If `begun`, model.forces[:, 0] and w.s[K1] are set already.
 
-    The lag of the thrusters does not depend on the body, so its exact values at the three stage times are inserted.
+    The lag of the thrusters does not depend on the body, so its exact values at the three stage times are used.
     """
     s, forces = w.s, model.forces
     for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
@@ -140,21 +152,9 @@ def _rk4(
             appendages(model, fitted, body, flow, t, STATE, 0, w)
         derivative(model, body, flow, t, held, STATE, K1, 0, w)
     half = t + 0.5 * h
-    for i in range(STATE_SIZE):
-        s[STAGE, i] = s[STATE, i] + 0.5 * h * s[K1, i]
-    if fitted is not None:
-        appendages(model, fitted, body, flow, half, STAGE, 1, w)
-    derivative(model, body, flow, half, held, STAGE, K2, 1, w)
-    for i in range(STATE_SIZE):
-        s[STAGE, i] = s[STATE, i] + 0.5 * h * s[K2, i]
-    if fitted is not None:
-        appendages(model, fitted, body, flow, half, STAGE, 1, w)
-    derivative(model, body, flow, half, held, STAGE, K3, 1, w)
-    for i in range(STATE_SIZE):
-        s[STAGE, i] = s[STATE, i] + h * s[K3, i]
-    if fitted is not None:
-        appendages(model, fitted, body, flow, t + h, STAGE, 2, w)
-    derivative(model, body, flow, t + h, held, STAGE, K4, 2, w)
+    _stage(model, fitted, body, flow, half, 0.5 * h, held, K1, K2, 1, w)
+    _stage(model, fitted, body, flow, half, 0.5 * h, held, K2, K3, 1, w)
+    _stage(model, fitted, body, flow, t + h, h, held, K3, K4, 2, w)
     for i in range(STATE_SIZE):
         s[STATE, i] += h / 6.0 * (s[K1, i] + 2.0 * (s[K2, i] + s[K3, i]) + s[K4, i])
     _normalise(s)
@@ -162,7 +162,7 @@ def _rk4(
 
 @compiled
 def _normalise(s: Array) -> None:
-    """Unit length for the quaternion of s[STATE]."""
+    """Scale the quaternion of s[STATE] to unit length."""
     n = math.sqrt(s[STATE, 3] ** 2 + s[STATE, 4] ** 2 + s[STATE, 5] ** 2 + s[STATE, 6] ** 2)
     for i in range(3, 7):
         s[STATE, i] /= n
@@ -170,7 +170,7 @@ def _normalise(s: Array) -> None:
 
 @compiled
 def _implicit(model: Model, fitted: Any, body: Any, flow: Array, t: float, h: float, held: float, w: Any) -> None:
-    """Rosenbrock-Euler: (M + h dD/dnu) delta_nu = h M nu_dot, then the pose by the new velocity."""
+    """Make a Rosenbrock-Euler step: (M + h dD/dnu) delta_nu = h M nu_dot, then the pose by the new velocity."""
     s, work = w.s, w.work
     for k in range(body.thruster_first, body.thruster_first + body.thruster_count):
         thruster = model.thrusters[k]
@@ -190,7 +190,7 @@ def _implicit(model: Model, fitted: Any, body: Any, flow: Array, t: float, h: fl
         for j in range(6):
             slope = body.D_L[i, j] + 2.0 * body.D_Q[i, j] * abs(work[NU_R, j]) + body.D_S[i, j] * speed
             A[i, j] += h * held * slope
-    # d(|u| D u)/du = 2 D |u|; the other derivatives by u are left out, they could make A singular.
+    # d(|u| D u)/du = 2 D |u|; the other derivatives by u are left out, as they could make A singular.
     A[0, 0] += h * held * body.D_S[0, 0] * speed
     solve(A, delta)
     for i in range(STATE_SIZE):
@@ -207,7 +207,7 @@ def _implicit(model: Model, fitted: Any, body: Any, flow: Array, t: float, h: fl
 
 @inlined
 def step_body(model: Model, fitted: Any, n: int, x: Array, flow: Array, t: float, dt: float, w: Any) -> float:
-    """Carry body n from the state x (13) at t to t + dt without contact; w.s[STATE] receives the new state, lags and servos move on.
+    """Step body n without contact from the state x (13) at t to t + dt. w.s[STATE] receives the new state; lags and servos advance.
 
     `fitted` is None in a world without appendages, so that the compiler leaves out all that concerns them; see `step_any`.
 

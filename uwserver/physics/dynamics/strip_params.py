@@ -1,8 +1,8 @@
-"""How a hull is cut into strips, by which it feels waves along its length; plain numpy, at load.
+"""How a hull is cut into strips, for waves that differ along its length; plain numpy, at load.
 
-The length is that of a hull of one section throughout whose second moment along its axis is that of the displaced volume: so both the first
-correction to a body that is small against the wave, 1 - k^2 <x^2> / 2, and the moment of a long wave are right for any form. It is the edge of
-a box. A body has as many Gauss-Legendre points as the shortest wave of the sea needs for force and moment (`strips_needed`).
+The strips cover the length of a uniform hull with the same second moment of the displaced volume along its axis. So both the first correction for a
+body that is small against the wave, 1 - k^2 <x^2> / 2, and the moment of a long wave are right for any form. For a box this is the length of its
+edge. A body has as many Gauss-Legendre points as the shortest wave of the sea needs for force and moment (`strips_needed`).
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from uwserver.physics.kernel.arrays import FloatArray, Records
 from uwserver.physics.kernel.layout import SHAPE_SPHERE, STRIP
 
 MOST_STRIPS = 16
-"""They follow waves down to a quarter of the hull's length; what shorter ones do to it is little, and not right."""
+"""Largest number of strips. They resolve waves down to a quarter of the hull's length; the effect of shorter waves is small, and not accurate."""
 POINT = 0.01
-"""A hull is a point for waves of k L below this, which are 600 times as long: the tide."""
+"""Value of k L below which a hull is a point for waves: they are then 600 times as long as the hull, like the tide."""
 TOLERANCE = 2e-3
-"""Largest error of force and moment by the rule, over that of the same water all along the hull."""
+"""Largest error of force and moment by the rule, relative to the same water along the whole hull."""
 
 
 class HullLine(NamedTuple):
     """The line along which a hull has its strips.
 
     Attributes:
-        axis: of B.
-        half: half its length, m; 0 for a hull that is a point.
+        axis: axis of B along which it lies.
+        half: half its length, m; 0 if the hull is a point.
         turn: (3) what the first moment of the water's velocity (m2/s, along each axis of B) becomes as a turning (rad/s) that acts in M_A and
             damping, 1/m2: (s_a^2 - s_j^2) / (s_a^2 + s_j^2) / s_a^2, with the second moments s^2 of the volume along the hull (a) and across
             (j). A wave strains the water and does not turn it: so it turns a slender hull with its slope, and a ball not at all.
@@ -44,7 +44,7 @@ class HullLine(NamedTuple):
 
 
 def hull_line(shapes: Records, r_b: Vec3, length: float | None) -> HullLine:
-    """The line of a hull.
+    """Return the line of a hull.
 
     Args:
         shapes: its SHAPE rows.
@@ -70,7 +70,7 @@ def hull_line(shapes: Records, r_b: Vec3, length: float | None) -> HullLine:
 
 
 def strip_rows(line: HullLine, r_b: Vec3, wave_number: float) -> Records:
-    """STRIP rows of a hull, for waves of at most a wave number (rad/m)."""
+    """Return the STRIP rows of a hull, for waves of at most a wave number (rad/m)."""
     n = strips_needed(wave_number * line.half)
     rows = np.zeros(n, STRIP)
     if n:
@@ -78,7 +78,7 @@ def strip_rows(line: HullLine, r_b: Vec3, wave_number: float) -> Records:
         rows["r"] = r_b
         rows["r"][:, line.axis] += line.half * places
         rows["share"], rows["place"] = 0.5 * weights, places
-        # Of Gauss-Legendre points, up to a common factor (Wang and Xiang 2012).
+        # Barycentric weights of Gauss-Legendre points, up to a common factor (Wang and Xiang 2012).
         rows["barycentric"] = (-1.0) ** np.arange(n) * np.sqrt((1.0 - places**2) * weights)
         rows["bend"] = places / (1.0 - places**2)
     return rows
@@ -86,9 +86,9 @@ def strip_rows(line: HullLine, r_b: Vec3, wave_number: float) -> Records:
 
 @lru_cache(maxsize=256)
 def strips_needed(phase: float) -> int:
-    """Number of strips for waves whose phase differs by `phase` (rad) between the middle and an end of the hull.
+    """Return the number of strips for waves whose phase differs by `phase` (rad) between the middle and an end of the hull.
 
-    The smallest for which the rule gives sin(p)/p for the force, and (sin p - p cos p)/p^2 for the moment, within `TOLERANCE`; 0 for a point.
+    It is the smallest with which the rule gives sin(p)/p for the force, and (sin p - p cos p)/p^2 for the moment, within `TOLERANCE`; 0 for a point.
     """
     if 2.0 * phase < POINT:
         return 0
@@ -104,6 +104,6 @@ def strips_needed(phase: float) -> int:
 
 @lru_cache(maxsize=MOST_STRIPS)
 def _rule(n: int) -> tuple[FloatArray, FloatArray]:
-    """Points from -1 to 1 and weights of the Gauss-Legendre rule."""
+    """Return points from -1 to 1 and weights of the Gauss-Legendre rule."""
     places, weights = np.polynomial.legendre.leggauss(n)
     return places, weights

@@ -1,4 +1,4 @@
-"""Thruster command -> thrust: force table over command and voltage, lag with an exact transition, inflow, immersion (compiled)."""
+"""From the command of a thruster to its thrust: force table over command and voltage, lag with an exact transition, inflow, immersion (compiled)."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ from uwserver.physics.dynamics.scratch import EXTRA, NU_R, UP
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, separate
 from uwserver.physics.kernel.layout import FREE, STUCK, STUCK_AT
+from uwserver.physics.kernel.linear import velocity_at
 
 MOST_INFLOW = 2.0
-"""Thrust against the inflow over that at rest, at most. The Wageningen B4-70 of pitch ratio 0.8 to 1 has, beyond the drag of the stopped
+"""Largest thrust against the inflow, over that at rest. The Wageningen B4-70 of pitch ratio 0.8 to 1 has, beyond the drag of the stopped
 propeller, 1.6 to 1.7 at J = -1 and 2.1 to 2.3 at -1.5 (`scenario.vehicle.wageningen`)."""
 
 
 @compiled
 def _interpolate(u: float, xs: Array, ys: Array) -> float:
-    """Piecewise linear y(u); constant beyond the ends; xs ascending."""
+    """Return the piecewise linear y(u), constant beyond the ends; xs ascends."""
     n = xs.shape[0]
     if u <= xs[0]:
         return float(ys[0])
@@ -39,7 +40,7 @@ def _interpolate(u: float, xs: Array, ys: Array) -> float:
 
 @compiled
 def table_force(table: Any, u: float, voltage: float) -> float:
-    """Static force (N) at command u (-1..1) and supply voltage (V): linear between the table's voltages, clamped to their range."""
+    """Return the static force (N) at command u (-1..1) and supply voltage (V): linear between the table's voltages, which are not exceeded."""
     n = table.n_voltages
     k = 0
     while k < n - 1 and table.voltage[k + 1] < voltage:
@@ -54,7 +55,7 @@ def table_force(table: Any, u: float, voltage: float) -> float:
 
 @compiled
 def set_demand(thruster: Any, tables: Array) -> None:
-    """Static thrust asked for, from the command that holds in this tick; computed when the command or the voltage was set.
+    """Set the static thrust for the command of this tick. It is computed only if the command or the voltage was set since.
 
     A stuck thruster keeps its demand, and the mark that a newer command waits.
     """
@@ -75,7 +76,7 @@ def set_demand(thruster: Any, tables: Array) -> None:
 
 @compiled
 def advance_lag(thruster: Any, lag: Any, level: int) -> float:
-    """Carry the lag over half a sub-step of 2**-level ticks; exact, as the demand is constant in a tick. Returns the lagged force, N."""
+    """Advance the lag by half a sub-step of 2**-level ticks; exact, as the demand is constant in a tick. Return the lagged force, N."""
     F, G, x, u = lag.F[level], lag.G[level], thruster.x, thruster.demand
     x0 = F[0, 0] * x[0] + F[0, 1] * x[1] + F[0, 2] * x[2] + G[0] * u
     x1 = F[1, 0] * x[0] + F[1, 1] * x[1] + F[1, 2] * x[2] + G[1] * u
@@ -86,18 +87,18 @@ def advance_lag(thruster: Any, lag: Any, level: int) -> float:
 
 @compiled
 def lagged(thruster: Any, lag: Any) -> float:
-    """Force that the lag's present state gives, N."""
+    """Return the force for the present state of the lag, N."""
     C, x = lag.C, thruster.x
     return float(thruster.efficiency * (C[0] * x[0] + C[1] * x[1] + C[2] * x[2] + lag.D * thruster.demand))
 
 
 @compiled
 def ventilated(submergence: float) -> float:
-    """Thrust of a ventilating propeller over that deep below, by the depth of its hub in radii.
+    """Return the thrust of a ventilating propeller over that deep below, for the depth of its hub in radii.
 
     1 - 0.675 (1 - 0.769 h/R)^1.258 from -0.48, where nothing is left, to 1.3: loss of disc area and ventilation together (Minsaas, Faltinsen
-    and Persson 1983; Smogeli 2006; recalled, not read there), of a propeller under heavy load, in calm water. How ventilation comes and goes
-    in time is left out.
+    and Persson 1983; Smogeli 2006; quoted from memory), for a propeller under heavy load, in calm water. How ventilation comes and goes
+    in time is neglected.
     """
     if submergence >= 1.3:
         return 1.0
@@ -106,26 +107,23 @@ def ventilated(submergence: float) -> float:
 
 @separate
 def _across(thruster: Any, va: float, moved: bool, work: Array) -> float:
-    """Square of the speed of the mount through the water across the axis, which it passes along at va."""
+    """Return the squared speed of the mount through the water across the axis; `va` is its speed along the axis."""
     if moved:
         x, y, z = work[EXTRA, 0], work[EXTRA, 1], work[EXTRA, 2]
     else:
         r = thruster.r
-        p, q, s = work[NU_R, 3], work[NU_R, 4], work[NU_R, 5]
-        x = work[NU_R, 0] + q * r[2] - s * r[1]
-        y = work[NU_R, 1] + s * r[0] - p * r[2]
-        z = work[NU_R, 2] + p * r[1] - q * r[0]
+        x, y, z = velocity_at(work[NU_R], r[0], r[1], r[2])
     return float(max(0.0, x * x + y * y + z * z - va * va))
 
 
 @compiled
 def thrust(thruster: Any, force: float, depth: float, near_surface: bool, moved: bool, work: Array) -> float:
-    """One thruster's force along its axis (N) from that at rest; work[NU_R] is the velocity through the water.
+    """Return the force of one thruster along its axis (N), from that at rest; work[NU_R] is the velocity through the water.
 
     Inflow takes T = T0 - k sqrt(|T0|) V_a, the linear part of K_T(J) at the shaft speed that gives T0 at rest; V_a is the speed of the
-    mount through the water along the axis. It takes the whole thrust at most, and against the propeller it adds no more than MOST_INFLOW
-    lets it. What remains of a stopped propeller is its drag, where the hull's damping has not got it. A stream across the axis bends the jet
-    to the hull (Coanda): exp(-c V_t^2) of the thrust remains, where the thruster says c (Palmer, Hearn and Stevenson 2008, of tunnels).
+    mount through the water along the axis. It takes at most the whole thrust, and inflow against the propeller adds at most what MOST_INFLOW
+    allows. A stopped propeller has its drag, unless the hull's damping contains it. A stream across the axis bends the jet
+    to the hull (Coanda): exp(-c V_t^2) of the thrust remains, for a thruster with c (Palmer, Hearn and Stevenson 2008, for tunnels).
     Thrust scales with the submerged part of the disc, or by `ventilated`; `depth` (m) is that of the body origin below the surface and
     work[UP] the surface's normal in B. Where the water differs along the hull (`moved`), work[EXTRA, :3] has the velocity of the mount.
     """

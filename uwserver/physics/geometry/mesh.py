@@ -1,4 +1,4 @@
-"""Which triangles of a mesh lie at a point or in a box, and what their common surface allows as a contact normal (compiled)."""
+"""Finds the triangles of a mesh at a point or in a box, and decides which contact normals their common surface allows (compiled)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from uwserver.physics.geometry.slots import Shapes
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
-from uwserver.physics.kernel.linear import dot
+from uwserver.physics.kernel.linear import dot, triangle_weights
 
 AT_POINT = 32
 """Most triangles that may meet at one point."""
@@ -17,14 +17,15 @@ AT_POINT = 32
 
 @compiled
 def _span(low: float, high: float, origin: float, size: float, cells: int, axis: int, span: Array) -> None:
-    """First and last cell of an interval along an axis, held inside the grid."""
+    """Write the first and last cell of an interval along an axis to span[axis]; both are limited to the grid."""
     span[axis, 0] = min(max(math.floor((low - origin) / size), 0), cells - 1)
     span[axis, 1] = min(max(math.floor((high - origin) / size), 0), cells - 1)
 
 
 @entry
 def fill_cells(vertices: Array, faces: Array, origin: Array, size: float, cells: Array) -> tuple[Array, Array]:
-    """Triangles by cell of a regular grid: `start` (cells + 1) and the triangle numbers between two starts."""
+    """Sort triangles into the cells of a regular grid. Return `start` (cells + 1) and the triangle numbers: those of cell k stand between start[k]
+    and start[k + 1]."""
     count = cells[0] * cells[1] * cells[2]
     start = np.zeros(count + 1, np.int64)
     span = np.zeros((3, 2), np.int64)
@@ -34,7 +35,7 @@ def fill_cells(vertices: Array, faces: Array, origin: Array, size: float, cells:
         for k in range(len(faces)):
             for i in range(3):
                 a, b, c = vertices[faces[k, 0], i], vertices[faces[k, 1], i], vertices[faces[k, 2], i]
-                # A hair wider, so that a point on a border finds its triangle from both sides.
+                # Slightly wider, so that a point on the border of a cell finds its triangle from both sides.
                 low, high = min(a, b, c) - 1e-3 * size, max(a, b, c) + 1e-3 * size
                 _span(low, high, origin[i], size, cells[i], i, span)
             for x in range(span[0, 0], span[0, 1] + 1):
@@ -54,7 +55,7 @@ def fill_cells(vertices: Array, faces: Array, origin: Array, size: float, cells:
 
 @compiled
 def any_triangle_in(shapes: Shapes, s: int, low: Array, high: Array) -> bool:
-    """Whether the box around any triangle of the mesh in a slot meets the box from `low` to `high` (N)."""
+    """Return whether the box around any triangle of the mesh in a slot overlaps the box from `low` to `high` (N)."""
     slot, cell_start = shapes.slots[s], shapes.cell_start
     span = np.zeros((3, 2), np.int64)
     for i in range(3):
@@ -81,8 +82,46 @@ def _boxes_meet(triangle: Array, vertices: Array, low: Array, high: Array) -> bo
 
 
 @compiled
+def triangles_in(shapes: Shapes, s: int, low: Array, high: Array, found: Array) -> int:
+    """Find the triangles of the mesh in a slot whose boxes meet the box from `low` to `high` (N), each once, and write them to `found` as far as they
+    fit. Return how many there are.
+
+    A triangle stands in several cells. It is counted in the first of those that it shares with the box.
+    """
+    slot, start = shapes.slots[s], shapes.cell_start
+    span, begin, here = np.zeros((3, 2), np.int64), np.zeros((3, 2), np.int64), np.empty(3, np.int64)
+    count = 0
+    for i in range(3):
+        if high[i] < slot.centre[i] - slot.half[i] or low[i] > slot.centre[i] + slot.half[i]:
+            return 0
+        _span(low[i], high[i], slot.cell_origin[i], slot.cell_size, slot.cells[i], i, span)
+    for cx in range(span[0, 0], span[0, 1] + 1):
+        for cy in range(span[1, 0], span[1, 1] + 1):
+            for cz in range(span[2, 0], span[2, 1] + 1):
+                here[0], here[1], here[2] = cx, cy, cz
+                cell = slot.cell_first + (cx * slot.cells[1] + cy) * slot.cells[2] + cz
+                for m in range(start[cell], start[cell + 1]):
+                    k = shapes.cell_triangles[m]
+                    ours = True
+                    for i in range(3):
+                        p = shapes.vertices[shapes.triangles[k, 0], i]
+                        q, r = shapes.vertices[shapes.triangles[k, 1], i], shapes.vertices[shapes.triangles[k, 2], i]
+                        least, most = min(p, q, r), max(p, q, r)
+                        ours = ours and least <= high[i] and most >= low[i]
+                        # `fill_cells` widens triangles by as much.
+                        wider = least - 1e-3 * slot.cell_size
+                        _span(wider, wider, slot.cell_origin[i], slot.cell_size, slot.cells[i], i, begin)
+                        ours = ours and here[i] == max(begin[i, 0], span[i, 0])
+                    if ours:
+                        if count < len(found):
+                            found[count] = k
+                        count += 1
+    return count
+
+
+@compiled
 def distance_to_triangle(x: Array, a: Array, b: Array, c: Array) -> float:
-    """Distance (m) of a point from a triangle. Ericson, Real-Time Collision Detection (2005), 5.1.5."""
+    """Return the distance (m) of a point from a triangle."""
     d1 = d2 = d3 = d4 = d5 = d6 = 0.0
     for i in range(3):
         ab, ac = b[i] - a[i], c[i] - a[i]
@@ -92,23 +131,7 @@ def distance_to_triangle(x: Array, a: Array, b: Array, c: Array) -> float:
         d4 += ac * (x[i] - b[i])
         d5 += ab * (x[i] - c[i])
         d6 += ac * (x[i] - c[i])
-    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
-    v = w = 0.0  # nearest = a + v (b - a) + w (c - a)
-    if d1 <= 0.0 and d2 <= 0.0:
-        v = 0.0
-    elif d3 >= 0.0 and d4 <= d3:
-        v = 1.0
-    elif d6 >= 0.0 and d5 <= d6:
-        w = 1.0
-    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        v = d1 / (d1 - d3)
-    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        w = d2 / (d2 - d6)
-    elif va <= 0.0 and d4 >= d3 and d5 >= d6:
-        w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
-        v = 1.0 - w
-    else:
-        v, w = vb / (va + vb + vc), vc / (va + vb + vc)
+    v, w = triangle_weights(d1, d2, d3, d4, d5, d6)
     square = 0.0
     for i in range(3):
         square += (x[i] - a[i] - v * (b[i] - a[i]) - w * (c[i] - a[i])) ** 2
@@ -117,7 +140,8 @@ def distance_to_triangle(x: Array, a: Array, b: Array, c: Array) -> float:
 
 @compiled
 def triangles_at(shapes: Shapes, x: Array, near: float, found: Array) -> int:
-    """Triangles of all meshes within `near` (m) of a point, into `found` (AT_POINT); tiles of one seabed so know their neighbours."""
+    """Write the triangles of all meshes within `near` (m) of a point to `found` (AT_POINT), and return their number. As all meshes are searched,
+    neighbours across the tiles of a seabed are found too."""
     slots, vertices, triangles, cell_start = shapes.slots, shapes.vertices, shapes.triangles, shapes.cell_start
     count = 0
     span = np.zeros((3, 2), np.int64)
@@ -149,10 +173,10 @@ def triangles_at(shapes: Shapes, x: Array, near: float, found: Array) -> int:
 
 @compiled
 def in_normal_cone(shapes: Shapes, x: Array, n: Array, found: Array, count: int) -> bool:
-    """Whether n can be the outward normal of a contact on the surface at x, where the triangles found[:count] meet.
+    """Return whether n can be the outward normal of a contact on the surface at x, where the triangles found[:count] meet.
 
-    It can if no neighbour rises above the plane through x: true on a ridge for all normals between those of its sides, false for any
-    slanted normal on a flat or hollow edge, where a body would catch on nothing.
+    It can if no neighbour rises above the plane through x. This is true on a ridge for all normals between those of its sides, and false for any
+    slanted normal on a flat or hollow edge, where a body must not get caught.
     """
     facing = 0.0
     for j in range(count):

@@ -1,4 +1,4 @@
-"""Shapes as rows of plain arrays, which the compiled contact geometry works on."""
+"""Shapes as rows of plain arrays, for compiled contact geometry."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ from uwserver.physics.geometry.slots import (
 from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray, Records, joined
 
 _BOX_FACES = ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6))
-"""Corners of a box, bit i of a number selecting the sign of axis i, counter-clockwise seen from outside."""
+"""Corners of each face of a box, counter-clockwise seen from outside. Bit i of a corner's number selects the sign of axis i."""
 
 
 @dataclass(frozen=True)
 class Polyhedron:
-    """Corners (n, 3) and faces, each a ring of corner numbers counter-clockwise seen from outside, with outward `normals` (m, 3)."""
+    """Corners (n, 3), faces as rings of corner numbers counter-clockwise seen from outside, and outward `normals` (m, 3)."""
 
     vertices: FloatArray
     faces: tuple[tuple[int, ...], ...]
@@ -49,7 +49,7 @@ class Polyhedron:
 
 
 def polyhedron(shape: Box | ConvexHull) -> Polyhedron:
-    """The corners and plane faces of a box or hull.
+    """Return the corners and plane faces of a box or hull.
 
     Raises:
         BadSolid: a hull without volume or with more than `HULL_POINTS` corners.
@@ -85,7 +85,7 @@ def polyhedron(shape: Box | ConvexHull) -> Polyhedron:
 
 
 def _coplanar(equations: FloatArray) -> list[list[int]]:
-    """Triangles of a hull that lie in one plane, in the order of their first."""
+    """Group the triangles of a hull that lie in one plane, ordered by their first triangle."""
     groups: list[list[int]] = []
     size = float(np.abs(equations[:, 3]).max())
     for k, plane in enumerate(equations):
@@ -101,7 +101,7 @@ def _coplanar(equations: FloatArray) -> list[list[int]]:
 
 @dataclass
 class Part:
-    """One placed shape on its way into `Shapes`: its SLOT row (1), numbers counted from its own first."""
+    """One placed shape that is to become part of `Shapes`: its SLOT row (1), whose numbers count from its own first row."""
 
     slot: Records
     corners: Polyhedron | None = None
@@ -112,7 +112,7 @@ class Part:
 
 
 def part(placed: Placed) -> Part:
-    """The rows of one placed shape, still of no solid."""
+    """Return the rows of one placed shape, which belongs to no solid yet."""
     shape = placed.shape
     slot = np.zeros(1, SLOT)
     slot["p"], slot["R"] = placed.p, placed.R
@@ -143,7 +143,7 @@ def _bound(slot: Records, points: FloatArray) -> None:
 
 
 def _mesh_part(slot: Records, placed: Placed, mesh: TriangleMesh) -> Part:
-    """A static mesh, brought into N once and for all, with cells that list the triangles in them."""
+    """Return the rows of a static mesh: it is transformed to N once, and its triangles are sorted into cells."""
     vertices = np.ascontiguousarray(mesh.vertices @ placed.R.T + np.array(placed.p))
     faces = np.ascontiguousarray(mesh.faces, dtype=np.int64)
     normals = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
@@ -154,7 +154,7 @@ def _mesh_part(slot: Records, placed: Placed, mesh: TriangleMesh) -> Part:
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     edges = high - low + 1e-9
     size = max(float(np.prod(edges) / (2.0 * len(faces))) ** (1.0 / 3.0), float(edges.max()) / 1000.0)
-    # A flat mesh has an area to share out, not a volume.
+    # A flat mesh has an area to divide among the cells, not a volume.
     size = max(size, float(np.sqrt(np.sort(edges)[1:].prod() / len(faces))))
     slot["cell_origin"], slot["cell_size"] = low, size
     slot["cells"] = np.maximum(1, np.ceil(edges / size)).astype(np.int64)
@@ -164,7 +164,8 @@ def _mesh_part(slot: Records, placed: Placed, mesh: TriangleMesh) -> Part:
 
 
 class Stock:
-    """What the slots of a world refer to. Equal shapes share it, so that who comes or goes changes slots alone; it is kept for the next."""
+    """The arrays to which the slots of a world refer. Equal shapes share rows, so that adding or removing a solid changes slots alone. Rows stay
+    for later solids with the same shape."""
 
     def __init__(self) -> None:
         self._made: dict[int, tuple[Placed, Part]] = {}
@@ -176,17 +177,18 @@ class Stock:
         }
 
     def part(self, placed: Placed) -> Part:
-        """The rows of one placed shape, still of no solid; made once for each `placed`. Raises BadSolid."""
+        """Return the rows of one placed shape, which belongs to no solid yet. They are made once for each `placed`. Raise BadSolid if the shape is
+        impossible."""
         known = self._made.get(id(placed))
         if known is None:
             check_shape(placed.shape)
             made = part(placed)
             self.take(made)
-            known = self._made[id(placed)] = placed, made  # so that nobody else gets this id
+            known = self._made[id(placed)] = placed, made  # kept, so that no other object gets this id
         return replace(known[1], slot=known[1].slot.copy())
 
     def take(self, new: Part) -> None:
-        """Keep what a part refers to, and say in its slot where."""
+        """Add the arrays of a part to the stock, and write their places to its slot."""
         slot, counts = new.slot, self._counts
         slot["vertex_first"] = counts["vertices"]
         if new.corners is not None:
@@ -214,7 +216,7 @@ class Stock:
             self._put("vertices", new.mesh.vertices, "vertices")
 
     def shapes(self, parts: Sequence[Part]) -> Shapes:
-        """These parts, which were made or taken here, each at the origin."""
+        """Return these parts, which were made or taken here, each at the origin."""
         for arrays in self._arrays.values():
             if len(arrays) > 1:
                 arrays[:] = [np.concatenate(arrays)]
@@ -231,7 +233,7 @@ class Stock:
 
 
 def shapes_of(parts: Sequence[Part]) -> Shapes:
-    """Parts that belong to no stock end to end, each at the origin."""
+    """Return parts that belong to no stock, each at the origin."""
     stock = Stock()
     for each in parts:
         stock.take(each)

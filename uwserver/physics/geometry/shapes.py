@@ -1,7 +1,7 @@
-"""Solid things as plain data, in no engine's form: convex shapes, triangle meshes, and solids made of them.
+"""Solid things as plain data, independent of any engine: convex shapes, triangle meshes, and solids made of them.
 
-Each shape lives in a frame of its own, of which axis x is the axis of cylinders and capsules. `Placed` puts it into the frame of its solid:
-N for a static solid, B for the body that carries it. Arrays are float64, m.
+Each shape has a frame of its own; axis x of it is the axis of cylinders and capsules. `Placed` puts a shape into the frame of its solid: N for a
+static solid, B for the body that carries it. Arrays are float64, m.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ TILE_TRIANGLES = 100_000
 """Most triangles of one `TriangleMesh`: Bullet refuses inline meshes above about 178 000."""
 
 HULL_POINTS = 256
-"""Most corners of one `ConvexHull`: contact time grows with them."""
+"""Most corners of one `ConvexHull`; the time for contacts grows with them."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Capsule:
 
 @dataclass(frozen=True)
 class HalfSpace:
-    """Everything with z >= 0 in its frame: a flat seabed without end. Static only."""
+    """Everything with z >= 0 in its frame: a flat seabed without end. It must be static."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +65,13 @@ class ConvexHull:
 
 @dataclass(frozen=True, eq=False)
 class TriangleMesh:
-    """A surface of triangles, static only.
+    """A surface of triangles. It must be static.
 
     Attributes:
         vertices: (n, 3) m, finite.
         faces: (m, 3) vertex numbers, counter-clockwise seen from outside; no triangle without area, at most `TILE_TRIANGLES`.
-        oriented: the side seen counter-clockwise is water and the other solid, so a body on the wrong side is pushed back. Otherwise it is a
-            sheet, whose sides are alike.
+        oriented: the side from which triangles are counter-clockwise is water, the other is solid; a body inside is pushed out. Otherwise it is a
+            sheet with equal sides.
     """
 
     vertices: FloatArray
@@ -93,7 +93,7 @@ class Placed:
 
     @property
     def R(self) -> FloatArray:
-        """Its attitude as a matrix (3, 3): components in the shape's frame become components in that of the solid."""
+        """The attitude as a matrix (3, 3), which turns components in the shape's frame into components in that of the solid."""
         return np.array(matrix(self.q))
 
 
@@ -117,14 +117,14 @@ class Solid:
 
 
 class BadSolid(ValueError):
-    """A solid that no engine may get; the text says what is wrong and what to do."""
+    """A solid that must not be passed to an engine. The text says what is wrong and what to do."""
 
 
 def check_shape(shape: Shape) -> None:
-    """Refuse what would crash an engine, or make it wrong without a word.
+    """Refuse shapes that would crash an engine or give wrong results without an error.
 
     Raises:
-        BadSolid: sizes not finite or not positive, vertices not finite, faces that name no vertex, triangles without area, too large.
+        BadSolid: sizes not finite or not positive, vertices not finite, faces with missing vertices, triangles without area, too large.
     """
     if isinstance(shape, TriangleMesh):
         _check_mesh(shape)
@@ -163,7 +163,7 @@ def _check_mesh(mesh: TriangleMesh) -> None:
 
 
 def has_area(vertices: FloatArray, faces: IntArray) -> npt.NDArray[np.bool_]:
-    """(m) whether each triangle's height is more than 1e-9 of its longest side: others have no normal."""
+    """Return (m) whether the height of each triangle is more than 1e-9 of its longest side. Other triangles have no normal."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     longest = np.maximum.reduce([((b - a) ** 2).sum(axis=1), ((c - b) ** 2).sum(axis=1), ((a - c) ** 2).sum(axis=1)])
     doubled: FloatArray = np.linalg.norm(np.cross(b - a, c - a), axis=1)

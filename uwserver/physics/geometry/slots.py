@@ -1,4 +1,7 @@
-"""Shapes as the compiled contact geometry has them: one SLOT row each, and the arrays that the rows refer to."""
+"""Shapes as rows for the compiled contact geometry, and their faces, edges and corners in a direction (compiled).
+
+A shape is a SLOT row at P (3) with attitude R (3, 3) in N. Directions are unit vectors in N.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +16,12 @@ from uwserver.physics.kernel.layout import Forms, columns
 from uwserver.physics.kernel.linear import dot
 
 SPHERE, CAPSULE, CYLINDER, POLYHEDRON, HALF_SPACE, MESH = range(6)
-"""Kinds of shapes; the first three are round about axis x."""
+"""Kinds of shapes. The first three are round about their axis x."""
 
 SLOT = np.dtype(
     [
         ("kind", "i8"),
-        ("ident", "i8"),  # never used twice in a world, unlike the place in the array
+        ("ident", "i8"),  # identifies the shape in keys of contacts, unlike its place in the array
         ("row", "i8"),  # of the body in the state array; -1: static
         ("solid", "i8"),
         ("p", "f8", (3,)),  # of the shape in its solid
@@ -45,7 +48,7 @@ SLOT = np.dtype(
 
 
 class Shapes(NamedTuple):
-    """All shapes of a world where they are, and what their rows refer to.
+    """All shapes of a world at their present places, and the arrays to which their rows refer.
 
     Attributes:
         slots: (n) SLOT.
@@ -88,15 +91,16 @@ SHAPES: Forms = {
 RING = 64
 """Most corners of a face."""
 RIM = 16
-"""Corners that stand for the rim of a cylinder."""
+"""Number of corners that represent the rim of a cylinder."""
 
 _END_ON = 0.7
-"""Cosine between axis and direction above which a cylinder or capsule shows its end, not its side."""
+"""Cosine between axis and direction above which a cylinder or capsule shows its end instead of its side."""
 
 
 @compiled
 def support_face(slot: Any, R: Array, d: Array, face_normals: Array, normal: Array) -> float:
-    """Cosine between d and the outward normal of the plane face that faces along it most, which `normal` (3) receives; -2 if round."""
+    """Find the plane face that points along d most, and write its outward normal to `normal` (3). Return the cosine between the two; -2 for a
+    round shape."""
     if slot.kind == CYLINDER:
         cosine = R[0, 0] * d[0] + R[1, 0] * d[1] + R[2, 0] * d[2]
         for i in range(3):
@@ -118,17 +122,17 @@ def _face_along(slot: Any, R: Array, d: Array, face_normals: Array) -> int:
     best, most = slot.face_first, -2.0
     for f in range(slot.face_first, slot.face_first + slot.face_count):
         cosine = face_normals[f, 0] * dx + face_normals[f, 1] * dy + face_normals[f, 2] * dz
-        if cosine > most + 1e-12:  # the first of equals, whatever the rounding
+        if cosine > most + 1e-12:  # of equal ones take the first, whatever the rounding
             best, most = f, cosine
     return int(best)
 
 
 @compiled
 def support_feature(shapes: Shapes, s: int, d: Array, ring: Array, codes: Array) -> int:
-    """The feature of the shape in a slot that faces along d: corners of a face (counter-clockwise from outside), ends of a line, or one point,
-    into `ring`.
+    """Find the feature of the shape in a slot that points along d: the corners of a face (counter-clockwise from outside), the ends of a line, or one
+    point, and write it to `ring`.
 
-    `codes` receives a number of each corner that stays with it. Returns their count.
+    `codes` receives a number for each corner that stays the same from tick to tick. Return the number of corners.
     """
     slot, P, R = shapes.slots[s], shapes.P[s], shapes.R[s]
     if slot.kind == POLYHEDRON:
@@ -152,7 +156,7 @@ def support_feature(shapes: Shapes, s: int, d: Array, ring: Array, codes: Array)
             along = -along
         codes[k] = k
         for i in range(3):
-            # A capsule's end is a ball; a cylinder's side has its lowest line across the axis.
+            # The end of a capsule is a ball. The lowest line on the side of a cylinder lies perpendicular to the axis.
             out = (d[i] - cosine * R[i, 0]) / across if slot.kind == CYLINDER else d[i]
             ring[k, i] = P[i] + along * R[i, 0] + slot.radius * out
     return count
@@ -160,10 +164,11 @@ def support_feature(shapes: Shapes, s: int, d: Array, ring: Array, codes: Array)
 
 @compiled
 def _rim(slot: Any, P: Array, R: Array, d: Array, cosine: float, ring: Array, codes: Array) -> int:
-    """Corners on the rim of a cylinder's end, the first where it reaches farthest along d; on its own axis y where it lies flat."""
+    """Write corners on the rim of a cylinder's end. The first is the one that reaches farthest along d, or on the cylinder's own axis y if the end
+    lies flat."""
     y = R[0, 1] * d[0] + R[1, 1] * d[1] + R[2, 1] * d[2]
     z = R[0, 2] * d[0] + R[1, 2] * d[1] + R[2, 2] * d[2]
-    # Hysteresis is impossible in a pure function: below this tilt the rim is flat to 1e-3 of the radius.
+    # A pure function can have no hysteresis. Below this tilt the rim is flat to 1e-3 of the radius.
     first = math.atan2(z, y) if y * y + z * z > 1e-6 else 0.0
     end = slot.half_length if cosine >= 0.0 else -slot.half_length
     for k in range(RIM):
@@ -177,7 +182,7 @@ def _rim(slot: Any, P: Array, R: Array, d: Array, cosine: float, ring: Array, co
 
 @compiled
 def support(slot: Any, P: Array, R: Array, d: Array, vertices: Array) -> float:
-    """Support function of a convex shape: the largest x . d over all its points x."""
+    """Return the support function of a convex shape: the largest x . d over all its points x."""
     base = P[0] * d[0] + P[1] * d[1] + P[2] * d[2]
     cosine = R[0, 0] * d[0] + R[1, 0] * d[1] + R[2, 0] * d[2]
     if slot.kind == SPHERE:

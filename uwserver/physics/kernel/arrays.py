@@ -1,4 +1,4 @@
-"""What arrays are called, in plain code and in compiled code."""
+"""Names of array types, and memory for arrays: rows joined end to end, numbers shared by threads, and pools of rows."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 Records = npt.NDArray[np.void]
-"""Rows of a structured dtype of `layout`."""
+"""Rows of one of the structured dtypes of `layout`."""
 
 Array = Any
-"""An array inside compiled code, whose type numba finds from the call."""
+"""An array in compiled code. numba finds its type from the call."""
 
 _LINE = 64
-"""Bytes that go from core to core together."""
+"""Bytes of a cache line, which cores exchange as a whole."""
 
 
 def shared_numbers(size: int) -> IntArray:
-    """Zeros for several threads, from the beginning of a cache line on."""
+    """Return zeros for several threads, which begin at a cache line."""
     raw = np.zeros(size + _LINE // 8, np.int64)
     first = -(raw.ctypes.data // 8) % (_LINE // 8)
     numbers: IntArray = raw[first : first + size]
@@ -30,9 +30,9 @@ def shared_numbers(size: int) -> IntArray:
 
 
 def joined(rows: Iterable[Records], dtype: np.dtype[np.void]) -> Records:
-    """All rows as one new array of their dtype, which is empty for none.
+    """Return all rows as one new array of this dtype, empty if there are none.
 
-    As plain bytes: numpy compares records field by field before it joins them, which for a world of vehicles takes longer than a tick.
+    The rows are copied as bytes: numpy would compare the records field by field first, which takes longer than a tick for a world of vehicles.
     """
     data = b"".join([row.tobytes() for row in rows])
     made: Records = np.empty(len(data) // dtype.itemsize, dtype)
@@ -44,11 +44,12 @@ _LEAST = 16
 
 
 class Pool:
-    """Rows of one dtype. Who uses some keeps the number of the first: `rows` is another array after each growth.
+    """Rows of one dtype that grow when needed. Rows that belong together are taken, and given back, as one range. A user keeps the number of the
+    first: `rows` is another array after each growth.
 
     Attributes:
-        rows: all there are, also those that nobody has; zeros where nobody ever had one.
-        raw: the same as bytes, for copies that cost next to nothing; another one after each growth, too.
+        rows: all rows, also those that are not in use; rows that were never used are zero.
+        raw: the same as bytes, for quick copies; also replaced at each growth.
     """
 
     def __init__(self, dtype: Any, room: int = _LEAST) -> None:
@@ -58,7 +59,8 @@ class Pool:
         self._free: defaultdict[int, list[int]] = defaultdict(list)
 
     def take(self, count: int) -> int:
-        """The first of so many rows, all zero. Which ones is decided by what was taken and given back before, and by nothing else."""
+        """Return the number of the first of `count` free rows, all zero. Which rows these are depends only on earlier calls of `take` and
+        `give_back`."""
         if count and self._free[count]:
             first = self._free[count].pop()
             self.rows[first : first + count] = np.zeros(count, self.rows.dtype)
@@ -71,11 +73,11 @@ class Pool:
         return first
 
     def move(self, place: Callable[[Any], Any]) -> None:
-        """Lie elsewhere: `place` gives a copy of an array in other memory."""
+        """Move the rows to other memory; `place` returns a copy of an array there."""
         self.rows = place(self.rows)
         self.raw = self.rows.view(np.uint8).data
 
     def give_back(self, first: int, count: int) -> None:
-        """Rows that were taken together and are no longer used."""
+        """Free rows that were taken together."""
         if count:
             self._free[count].append(first)

@@ -1,4 +1,4 @@
-"""Atomic operations on numbers that several threads read and write in compiled code, and ways to wait for them."""
+"""Atomic operations in compiled code on numbers that several threads read and write, and ways to wait for such a number."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ WORD, BYTES = ir.IntType(64), ir.IntType(8).as_pointer()
 
 
 def place_of(builder: Any, context: Any, kinds: Any, args: Any) -> Any:
-    """Pointer to a number of an array."""
+    """Return a pointer to a number of an array."""
     data = context.make_array(kinds[0])(context, builder, args[0]).data
     return builder.gep(data, [args[1]])
 
 
 @intrinsic  # type: ignore[untyped-decorator]  # numba has no types
 def load_atomic(_context: Any, numbers: Any, k: Any) -> Any:
-    """A number that other threads write."""
+    """Read a number that other threads write."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.load_atomic(place_of(builder, context, signature.args, args), "seq_cst", 8)
@@ -42,7 +42,7 @@ def store_atomic(_context: Any, numbers: Any, k: Any, value: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def add_atomic(_context: Any, numbers: Any, k: Any, value: Any) -> Any:
-    """Add to a number to which other threads add."""
+    """Add to a number to which other threads also add."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         builder.atomic_rmw("add", place_of(builder, context, signature.args, args), args[2], "seq_cst")
@@ -53,7 +53,7 @@ def add_atomic(_context: Any, numbers: Any, k: Any, value: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def exchange_atomic(_context: Any, numbers: Any, k: Any, old: Any, new: Any) -> Any:
-    """Write a number where it still is `old`; tells whether it was."""
+    """Write `new` if the number is still `old`; return whether it was."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         place = place_of(builder, context, signature.args, args)
@@ -64,7 +64,7 @@ def exchange_atomic(_context: Any, numbers: Any, k: Any, old: Any, new: Any) -> 
 
 @intrinsic  # type: ignore[untyped-decorator]
 def pause(_context: Any) -> Any:
-    """What a processor is told in a loop that waits."""
+    """Tell the processor that this loop waits."""
 
     def generate(context: Any, builder: Any, _signature: Any, _args: Any) -> Any:
         if PAUSE:
@@ -78,7 +78,7 @@ def pause(_context: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def futex(_context: Any, numbers: Any, k: Any, operation: Any, value: Any) -> Any:
-    """Sleep while the low half of a number is `value`, or wake so many sleepers."""
+    """Sleep while the low half of a number is `value`, or wake up to `value` sleepers, depending on the operation of the system call."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         if FUTEX:

@@ -1,6 +1,7 @@
-"""Entries that a kernel calls: by where their machine code lies (`straight.address_of`), which was compiled apart and is known when the kernel runs.
+"""Calls of entries from a kernel, by the address of their machine code (`straight.address_of`).
 
-So one kernel can run all that a tick needs, which kinds of sensors it has or not, and nothing is compiled twice for it.
+The entries are compiled apart, and their addresses are known when the kernel runs. So one kernel can run a whole tick, whatever kinds of sensors a
+world has, and nothing is compiled twice for it.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from uwserver.physics.kernel.compiled import inlined
 
 
 def caller(result: Any) -> Callable[[int, Any], Any]:
-    """What calls entries that give such a result (a type of numba), by where their code lies and with a tuple of arguments."""
+    """Return a function that calls entries with this type of result (a type of numba). It takes the address of their code and a tuple of
+    arguments."""
 
     @intrinsic(prefer_literal=False)  # type: ignore[untyped-decorator]  # numba has no types
     def call(_typing: Any, code: Any, args: Any) -> Any:
@@ -46,18 +48,18 @@ _for_number, _for_float, _for_nothing = caller(types.int64), caller(types.float6
 
 @inlined
 def call_for_number(code: int, args: Any) -> int:
-    """Call the entry whose code lies at an address with a tuple of arguments, of the very types for which it was compiled; it gives a whole number.
-    What it raises is raised."""
+    """Call an entry that returns a whole number: `code` is the address of its code, `args` a tuple of arguments of exactly the types for which it was
+    compiled. Exceptions pass through."""
     return _for_number(code, args)  # type: ignore[no-any-return]
 
 
 @inlined
 def call_for_float(code: int, args: Any) -> float:
-    """The same of an entry that gives a float."""
+    """Call an entry that returns a float, as `call_for_number`."""
     return _for_float(code, args)  # type: ignore[no-any-return]
 
 
 @inlined
 def call(code: int, args: Any) -> None:
-    """The same of an entry that gives nothing."""
+    """Call an entry that returns nothing, as `call_for_number`."""
     _for_nothing(code, args)

@@ -1,10 +1,10 @@
-"""The decorators that compile a kernel, and where the compiled code is kept.
+"""The decorators that compile a kernel, and where compiled code is kept.
 
-A kernel is kept under a hash of all files of physics that hold kernels and of what those import of it (`kernel_sources`), the versions of
-numba, llvmlite and Python, and the CPU: all environments of a user with the same kernels share one folder, wherever they lie. There the name
-of a kernel outside physics tells a hash of its code (`fingerprint`). In order of preference kernels come from the package, which has them in
-wheels for a platform (`finished`), and from the user's folder, below ``NUMBA_CACHE_DIR`` or in his cache folder. When that cannot be used,
-kernels are compiled in memory at each start, and `cache_state` says so.
+The folder of the cache is named by a hash of all files of physics that contain kernels and of the files that these import of physics
+(`kernel_sources`), of the versions of numba, llvmlite and Python, and of the CPU. So all environments of a user with the same kernels share one
+folder. The name of a kernel outside physics contains a hash of its code (`store.fingerprint`). Kernels are looked for first in the package, which
+contains them in wheels for a platform (`FINISHED`), then in the user's folder, below ``NUMBA_CACHE_DIR`` or in the cache folder. If that folder
+cannot be used, kernels are compiled in memory at each start, and `cache_state` says why.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ ENTRY_KERNELS = {
     ),
     "echoes": ("hits.intersect_level",),
 }  # fmt: skip
-"""What Python calls, by what a world needs it for."""
+"""The kernels that Python calls, by what a world needs them for."""
 
 LEVELS = {
     "x86-64-v3": (
@@ -59,7 +59,7 @@ LEVELS = {
     ),
     "x86-64": (),
 }  # fmt: skip
-"""Kinds of CPU for which wheels have kernels, the best first, with the features of LLVM that each needs."""
+"""The kinds of CPU for which wheels contain kernels, the best first, with the features of LLVM that each needs."""
 
 FINISHED = Path(__file__).with_name("finished")
 
@@ -68,12 +68,12 @@ _IMPORT = re.compile(rb"^\s*from uwserver\.physics((?:\.\w+)*) import (\([^)]*\)
 
 
 class CacheState(NamedTuple):
-    """Where compiled kernels are kept; `folder` is None when they are not.
+    """Where compiled kernels are kept; `folder` is None if they are not kept.
 
     Attributes:
-        folder: the user's.
-        reason: why there is no folder, or why it is only read.
-        packaged: folders of the package with kernels for this CPU.
+        folder: that of the user.
+        reason: why there is no folder, or why it cannot be written to.
+        packaged: folders of the package that contain kernels for this CPU.
     """
 
     folder: Path | None
@@ -81,7 +81,7 @@ class CacheState(NamedTuple):
     packaged: tuple[Path, ...] = ()
 
     def missing(self, kernels: Iterable[str]) -> tuple[str, ...]:
-        """Which of some kernels must be compiled yet."""
+        """Return those of some kernels that are not compiled yet."""
         folders = (*self.packaged, *(() if self.folder is None else (self.folder,)))
         if IS_PLAIN:
             there = {name for folder in folders for name in plain.kept(folder)}
@@ -91,9 +91,10 @@ class CacheState(NamedTuple):
 
 
 def kernel_sources(package: Path) -> tuple[Path, ...]:
-    """The files below a package's folder that decide what its kernels do: those that hold one, and what they import of the package.
+    """Return the files below a package's folder that decide what its kernels do: those that contain kernels, and those that these import from the
+    package.
 
-    The second kind counts because numba freezes the constants that a kernel names. An edit of any other file leaves the cache as it is.
+    Imported files count because numba freezes the constants that a kernel names. An edit of any other file does not affect the cache.
 
     Args:
         package: folder of `uwserver.physics`, or a copy of it.
@@ -114,12 +115,9 @@ def kernel_sources(package: Path) -> tuple[Path, ...]:
 
 
 def made_of(package: Path) -> str:
-    """Hash of all that a kernel is made of but the CPU: sources, and versions of what compiles them."""
+    """Return a hash of all that a kernel is made of except the CPU: the sources, and the versions of the tools that compile them."""
     parts = numba.__version__, llvmlite.__version__, str(sys.implementation.cache_tag), sys.platform, platform.machine()
-    digest = hashlib.sha256("\n".join(parts).encode())
-    for source in kernel_sources(package):
-        digest.update(source.relative_to(package).as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
-    return digest.hexdigest()[:16]
+    return plain.hash_of(package, kernel_sources(package), "\n".join(parts))
 
 
 def _features() -> str:
@@ -127,13 +125,13 @@ def _features() -> str:
 
 
 def cpu_of() -> str:
-    """Hash of the CPU that numba compiles for: its name and what it can do."""
+    """Return a hash of the CPU that numba compiles for: its name and its features."""
     name = numba.config.CPU_NAME or llvmlite.binding.get_host_cpu_name()
     return hashlib.sha256(f"{name} {_features()}".encode()).hexdigest()[:8]
 
 
 def _packaged(sources: str) -> tuple[Path, ...]:
-    """Folders of the package whose kernels run here, the best first; none where the user chose a CPU by hand."""
+    """Return the folders of the package whose kernels run on this CPU, the best first; none if the user chose a CPU by hand."""
     if IS_PLAIN:
         return ()
     if numba.config.CPU_NAME or numba.config.CPU_FEATURES is not None or platform.machine() not in ("x86_64", "AMD64"):
@@ -162,7 +160,7 @@ def _find_cache() -> CacheState:
         fault = store.fault_of(folder)
         if fault:
             return CacheState(None, fault, packaged)
-        # A read-only image holds a finished cache: reading it is enough.
+        # A read-only image contains a complete cache, which only has to be read.
         if not os.access(folder, os.W_OK):
             return CacheState(folder, "read-only", packaged)
         with tempfile.TemporaryFile(dir=folder):
@@ -177,24 +175,26 @@ cache_state = _find_cache()
 
 
 def inlined(function: F) -> F:
-    """As `compiled`, and inlined into its callers: so the optimiser drops the reference counts of the arrays that are passed on."""
+    """Compile as `compiled` does, and inline the function into its callers. Then the optimiser drops the reference counts of the arrays that are
+    passed."""
     return cast("F", plain.part(function, inlined=True) if IS_PLAIN else Part(function, entry, inlined=True))
 
 
 def compiled(function: F) -> F:
-    """Compile to machine code, for kernels to call: no GIL, IEEE division, no re-association (the same bits on every CPU)."""
+    """Compile a function to machine code for kernels to call: no GIL, IEEE division, no re-association, so the same bits on every CPU."""
     return cast("F", plain.part(function) if IS_PLAIN else Part(function, entry, inlined=None))
 
 
 def separate(function: F) -> F:
-    """As `compiled`, and never inlined: what is long and called at many places would be compiled anew at each."""
+    """Compile as `compiled` does, and never inline the function. Use it for a long function that is called at many places, where each copy would be
+    compiled anew."""
     return cast("F", plain.part(function) if IS_PLAIN else Part(function, entry, inlined=False))
 
 
 def entry(function: F) -> F:
-    """As `compiled`, for what Python calls and no kernel: one piece of machine code with all that it calls (`linking`)."""
+    """Compile a function that Python calls and no kernel does, into one piece of machine code with all that it calls (`linking`)."""
     state, module = cache_state, function.__module__ or ""
-    # Of physics the folder's name tells the sources, and a kernel's name tells nothing of what a closure holds. Tests leave nothing behind.
+    # In physics a kernel is known by the name of the folder and its own name, which do not say what a closure holds. Kernels of tests are not kept.
     is_kept = module.startswith(("uwserver.", "uwserver_")) and not (
         module.startswith(PHYSICS) and "<locals>" in function.__qualname__
     )
@@ -207,7 +207,7 @@ def entry(function: F) -> F:
 
 
 def files_of(function: Callable[..., Any], packaged: Sequence[Path], own: Path | None, kept: bool) -> EntryCache:
-    """Return the files of an entry: in folders of the package, then in the user's `own`, where what is compiled is `kept`."""
+    """Return the files of an entry: in folders of the package, then in the user's folder `own`, where new code is written if `kept`."""
 
     def read(name: str) -> Iterator[bytes | None]:
         for folder in packaged:

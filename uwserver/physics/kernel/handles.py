@@ -1,8 +1,8 @@
-"""Many arrays as one argument of a kernel: the table that `layout.addresses` makes.
+"""Many arrays as one argument of a kernel: reads the table that `layout.addresses` makes.
 
-numba unwraps each array that Python hands it, which for those of a world costs more than to step a vehicle. So a call gets one array of
-addresses and lengths instead, and the kernel lays its arrays over them. Such arrays count no references either: the owner of the
-table keeps the real ones alive, and makes a new table whenever it replaces one.
+numba unwraps each array that Python passes, which for the arrays of a world takes longer than to step a vehicle. So a call passes one array of
+addresses and lengths, and the kernel makes its arrays from them. These arrays have no reference counts either: the owner of the table keeps the real
+ones alive, and makes a new table whenever it replaces one.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from uwserver.physics.kernel.layout import WORLD, Fitted, Forms, Model
 
 @intrinsic  # type: ignore[untyped-decorator]  # numba has no types
 def _pointer(_context: Any, address: Any) -> Any:
-    """An address as a pointer."""
+    """Return an address as a pointer."""
 
     def generate(_ctx: Any, builder: Any, _signature: Any, args: Any) -> Any:
         return builder.inttoptr(args[0], ir.IntType(8).as_pointer())
@@ -32,13 +32,13 @@ def _pointer(_context: Any, address: Any) -> Any:
 
 @inlined
 def lay(address: int, count: int) -> Array:
-    """An array of int64 over memory that is named by its address. Laid over records, it stands for them in a call (`calling`) of what knows their
+    """Return an array of int64 over the memory at an address. Laid over records, it represents them in a call (`calling`) of code that knows their
     form."""
     return carray(_pointer(address), (count,), np.int64)
 
 
 def array_at(forms: Forms, name: str) -> Callable[[Array], Array]:
-    """A compiled function that gives one array of a table made by `forms`."""
+    """Return a compiled function that returns one array of a table made by `forms`."""
     k, item, shape = list(forms).index(name), forms[name].base, forms[name].shape
 
     @inlined
@@ -49,8 +49,8 @@ def array_at(forms: Forms, name: str) -> Callable[[Array], Array]:
 
 
 def arrays_at(kind: type[Any], forms: Forms) -> Callable[[Array], Any]:
-    """A compiled function that gives all fields of a NamedTuple from a table made by `forms`, each found by its name."""
-    # Compiled code cannot loop over arrays of different types, so the call is written out, as `namedtuple` itself does.
+    """Return a compiled function that returns all fields of a NamedTuple from a table made by `forms`; each is found by its name."""
+    # Compiled code cannot loop over arrays of different types, so the source of the call is generated, as `namedtuple` itself does.
     scope: dict[str, Any] = {"__name__": __name__, **{name: array_at(forms, name) for name in kind._fields}}
     calls = ", ".join(f"{name}(table)" for name in kind._fields)
     exec(f"def read(table): return kind({calls})", scope | {"kind": kind}, scope)

@@ -1,8 +1,8 @@
-"""The arrays that the compiled kernel works on: one row a body, thruster, prescribed wrench, buoyancy shape or appendage.
+"""The arrays that the compiled kernels work on: one row for each body, thruster, prescribed wrench, buoyancy shape or appendage.
 
-Rows are records of float64 and int64; states, flows and work space are float64 alone. All is SI, in frames N (NED) and B (FRD), about the body
-origin. Rows of one body are contiguous; a body names its range by ``first`` and ``count``. A kernel gets all arrays of a world as one table
-of addresses (`addresses`, `handles`), and a snapshot is a copy of those that change.
+Rows are records of float64 and int64; states, flows and work space are float64 alone. All is SI, in the frames N (NED) and B (FRD), about the body
+origin. The rows of one body are contiguous; a body names its range by ``first`` and ``count``. A kernel gets all arrays of a world as one table of
+addresses (`addresses`, `handles`), and a snapshot is a copy of those that change.
 """
 
 from __future__ import annotations
@@ -19,51 +19,52 @@ P, Q, NU = 0, 3, 7
 STATE_SIZE = 13
 
 FLOW_V, FLOW_V_T, FLOW_GRADIENT, FLOW_PLANE, FLOW_P, FLOW_T, FLOW_KIND = 0, 3, 6, 15, 19, 22, 23
-"""Columns of a flow row, the water near one body and one instant, all in N: velocity (3, m/s), its partial derivative by time (3, m/s2) and its
-gradient (3, 3, 1/s; row i has the derivatives of component i), the plane that touches the surface (elevation at x = y = 0 in m, slopes along x
-and y, rate of the elevation in m/s), the place (3, m) and the instant (s) of all these, and the kind."""
+"""Columns of a flow row, the water near one body at one instant, all in N: velocity (3, m/s), its partial derivative by time (3, m/s2) and its
+gradient (3, 3, 1/s; row i has the derivatives of component i), the plane that touches the surface (elevation at x = y = 0 in m, slopes along x and
+y, rate of the elevation in m/s), the place (3, m) and the instant (s) for which all these hold, and the kind."""
 FLOW_SIZE = 24
 STEADY, MOVING, WAVY = 0.0, 1.0, 2.0
-"""Kinds of flow: the velocity alone counts; rates and gradient too; the surface too."""
+"""Kinds of flow: only the velocity counts; rates and gradient count too; the surface counts too."""
 
 WAVE_KX, WAVE_KY, WAVE_K, WAVE_OMEGA, WAVE_AMPLITUDE, WAVE_PHASE, WAVE_DEPTH = range(7)
-"""Columns of a wave: wave number along x and y of N and its size (rad/m), angular frequency (rad/s), amplitude (m), phase (rad), depth of the
-water (m, inf for deep water)."""
+"""Columns of a wave: wave number along x and y of N and its size (rad/m), angular frequency (rad/s), amplitude (m), phase (rad), depth of the water
+(m, inf for deep water)."""
 WAVE_SIZE = 7
 
 PROFILE_SIZE = 15
-"""Columns of a piece of a depth profile: from and to depth, depth of its origin (m), four coefficients of a cubic for each component in N."""
+"""Columns of a piece of a depth profile: upper and lower depth, depth of the origin of the cubics (m), and four coefficients of a cubic for each
+component in N."""
 
 LAG_LEVELS = 5
-"""A tick may be cut into 2**0 .. 2**4 sub-steps; the thruster lag has an exact transition matrix for half of each."""
+"""A tick may be cut into 2**0 to 2**4 sub-steps. The thruster lag has an exact transition matrix for half of each."""
 
 TABLE_SIZE = 48
-"""Points of a thruster's force table at one voltage."""
+"""Number of points of a thruster's force table at one voltage."""
 TABLE_VOLTAGES = 8
 
 SHAPE_BOX, SHAPE_SPHERE = 0, 1
 
 NEAR_NOTHING, NEAR_SPHERE, NEAR_CYLINDER = 0, 1, 2
-"""What a hull is taken for where surface or bottom change its added mass; the cylinder lies along x of B."""
+"""The shape as which a hull is treated where surface or bottom change its added mass. The cylinder lies along x of B."""
 
 FREE, STUCK, STUCK_AT = 0, 1, 2
-"""Whether a thruster listens to its commands."""
+"""Whether a thruster obeys its commands: it does, it keeps its demand, or it keeps the command `stuck_u`."""
 
 _Fields = list[tuple[str, str, tuple[int, ...]]]
 
 
 def _f8(names: str, *shape: int) -> _Fields:
-    """Fields of float64, each a number or an array of this shape."""
+    """Return fields of float64, each a number or an array of this shape."""
     return [(name, "f8", shape) for name in names.split()]
 
 
 def _i8(names: str) -> _Fields:
-    """Whole numbers."""
+    """Return fields of whole numbers."""
     return [(name, "i8", ()) for name in names.split()]
 
 
 def _ranges(names: str) -> _Fields:
-    """Rows that belong to a body: the first and how many."""
+    """Return the fields of ranges of rows that belong to a body: the first row and their number."""
     return [field for name in names.split() for field in _i8(f"{name}_first {name}_count")]
 
 
@@ -86,21 +87,23 @@ BODY = _record(
     _f8("rate_L"),
     _f8("rate_Q", 6),
     _f8("rate_S"),
-    _f8("radius"),  # no part of the buoyancy shapes is farther from the origin, m
+    _f8("radius"),  # distance from the origin to the farthest part that the surface can affect, m
     _ranges("shape thruster wrench"),  # without shapes it is always fully submerged
     _ranges("strip"),  # of a long hull in waves
     _i8("strip_axis"),  # of B, along which they lie
     _f8("strip_half"),  # half the length that they share, m, about r_b
-    # What the turning of the water along the hull becomes about each axis of B (1/m2), and the first moment of its acceleration (1).
+    # Factors about each axis of B for the turning of the water along the hull (1/m2), and for the first moment of its acceleration (1).
     _f8("strip_turn strip_moment", 3),
     _i8("near_form"),  # how M_A changes near surface and bottom: NEAR_NOTHING, NEAR_SPHERE or NEAR_CYLINDER
     _f8("near_radius"),  # of that sphere or cylinder, m
     _f8("floor"),  # depth of the level bottom, m, inf for none
     _i8("in_contact"),  # 1: contacts act on the body in this tick
     _f8("contact", 10),  # their force (N), moment about N's origin (N m) and its rate (N m/s), in N, from when on (s)
-    _f8("external", 6),  # wrench in the coming tick, about the origin in B; constant in the tick, and zero after it
-    _f8("acted", 6),  # the one that acted in the last tick
-    _i8("retired"),  # 1: removed from the world; the kernel passes it over
+    _f8(
+        "external", 6
+    ),  # wrench from outside in the coming tick, about the origin in B; constant in the tick, zero after it
+    _f8("acted", 6),  # wrench from outside that acted in the last tick
+    _i8("retired"),  # 1: removed from the world; the kernels skip it
     _i8("fitted"),  # 1: the body has any of the following
     _ranges("servo foil propeller weight derivative hull"),
 )
@@ -160,7 +163,7 @@ WRENCH = _record(
 
 SERVO = _record(
     _f8("command"),  # rad, rad/s, m3 or m
-    _f8("value"),  # where it is
+    _f8("value"),  # present value
     _f8("low high"),
     _f8("rate"),  # largest change a second; 0: stuck
     _f8("tau"),  # time constant of the lag, s
@@ -183,7 +186,7 @@ FOIL = _record(
 )
 
 PROPELLER_SIZE, HARMONICS = 24, 31
-"""Points of a propeller's open-water curves; terms of its series over the advance angle, the constant one included."""
+"""Most points of a propeller's open-water curves, and most terms of its series over the advance angle, including the constant one."""
 
 PROPELLER = _record(
     _i8("servo"),  # row of the servo that holds the shaft speed, rad/s
@@ -250,13 +253,13 @@ SCRATCH = _record(
     _f8("M_A M_A_z", 6, 6),  # M_A near surface and bottom, and its derivative by depth; of a body that asks for it
     _f8("small", 3, 3),
     _i8("diverged"),  # the first body that this thread found diverged in the tick
-    _f8("apart", 8),  # a line of memory, so that no two threads write to one
+    _f8("apart", 8),  # a cache line of padding, so that no two threads write to the same one
 )
-"""Work space of a step, of one thread. As a record it is one pointer to hand on, where arrays of their own cost two atomic counts each."""
+"""Work space of a step, for one thread. As a record it is passed as one pointer; separate arrays would cost two atomic counts each."""
 
 
 class Model(NamedTuple):
-    """All rows of a world but those of appendages, as one argument of a kernel.
+    """All rows of a world except those of appendages, as one argument of a kernel.
 
     Attributes:
         bodies: (n) BODY.
@@ -276,7 +279,7 @@ class Model(NamedTuple):
 
 
 class Fitted(NamedTuple):
-    """All rows of appendages of a world; apart from `Model`, as most worlds have none.
+    """All rows of appendages of a world. They are separate from `Model`, as most worlds have none.
 
     Attributes:
         servos: SERVO rows of all bodies; likewise the others.
@@ -293,7 +296,7 @@ class Fitted(NamedTuple):
 
 
 class SeaRows(NamedTuple):
-    """The sea, as one argument of a kernel.
+    """The moving water, as one argument of a kernel.
 
     Attributes:
         uniform: (7) velocity (m/s) in N at an instant, its rate (m/s2), the instant (s).
@@ -307,12 +310,12 @@ class SeaRows(NamedTuple):
 
 
 Forms = Mapping[str, "np.dtype[Any]"]
-"""Of each array of a table of addresses, in its order: name, and dtype of a row. The one list by which a table is written and read."""
+"""The arrays of a table of addresses, in order: name, and dtype of a row. The table is written and read by this one list."""
 
 
 class Codes(NamedTuple):
-    """Where the code lies of what carries bodies through a tick, and of what tells how they are accelerated (`contact.carrying`). That of contacts is
-    0 in a world where nothing is solid."""
+    """Addresses of the code that moves bodies in a tick, and of that which finds their accelerations (`contact.carrying`). Those of the contact
+    stages are 0 in a world without solids."""
 
     advance: int
     rates: int
@@ -321,7 +324,7 @@ class Codes(NamedTuple):
 
 
 def columns(dtype: type[np.generic], *shape: int) -> np.dtype[Any]:
-    """The form of an array (n, *shape) of plain numbers."""
+    """Return the form of an array (n, *shape) of plain numbers."""
     return np.dtype((dtype, shape))
 
 
@@ -346,18 +349,18 @@ WORLD: Forms = {
     "scratch": SCRATCH,
     "team": columns(np.int64),
 }
-"""The arrays of `bodies.Hydrodynamics`: those of `Model` and `Fitted`, states, flows, work space, and the threads that share them (`sharing`)."""
+"""The arrays of `bodies.Hydrodynamics`: those of `Model` and `Fitted`, the states, flows and work space, and the team of threads (`sharing`)."""
 
 
 def addresses(forms: Forms, arrays: Mapping[str, Any]) -> IntArray:
-    """(n, 2) address and length of each array, by which a kernel finds them (`handles`). They must outlive the table.
+    """Return the address and length (n, 2) of each array, by which a kernel finds them (`handles`). The arrays must outlive the table.
 
     Args:
         forms: the list of the table.
-        arrays: by name; others than those of the list do not matter.
+        arrays: by name; arrays that are not in the list do not matter.
 
     Raises:
-        TypeError: an array is not of its form or not C-contiguous, so that a kernel would read something else.
+        TypeError: an array does not have its form or is not C-contiguous, so that a kernel would read something else.
     """
     table = np.empty((len(forms), 2), np.int64)
     for k, (name, form) in enumerate(forms.items()):

@@ -1,14 +1,14 @@
-"""Kernels by what numba offers to everybody: a fallback for versions of numba that `numba_private` does not fit.
+"""Compiles kernels with numba's public interface only: a fallback for versions of numba that `numba_private` does not fit.
 
-The environment variable UWSERVER_KERNELS=plain chooses it. Results are the same. The first start takes about four times as long, the cache is
-larger, and one thread steps a world, as numba caches nothing that calls code whose address it finds at compile time (`sharing`).
+The environment variable UWSERVER_KERNELS=plain chooses it. The results are the same. The first start takes about four times as long, the cache is
+larger, and each world is stepped by one thread, because numba does not cache code that calls an address found at compile time (`sharing`).
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +32,13 @@ IS_PLAIN = is_plain(os.environ.get("UWSERVER_KERNELS"))
 
 def made_of(package: Path) -> str:
     """Return a hash of all sources of a package: numba itself notices no edit of a function that a kernel of another file calls."""
-    digest = hashlib.sha256()
-    for source in sorted(package.rglob("*.py")):
+    return hash_of(package, sorted(package.rglob("*.py")))
+
+
+def hash_of(package: Path, sources: Iterable[Path], versions: str = "") -> str:
+    """Return a hash of some files below a folder, of their names, and of a text that says by what they are compiled."""
+    digest = hashlib.sha256(versions.encode())
+    for source in sources:
         digest.update(source.relative_to(package).as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
 

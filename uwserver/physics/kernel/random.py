@@ -1,7 +1,7 @@
-"""Random numbers that depend on who draws them and for what, and on nothing else: not on order, batches, threads or processes.
+"""Random numbers that depend only on the component that draws them and on their purpose: not on order, batches, threads or processes.
 
-Philox 4x32-10 (Salmon et al. 2011, "Parallel random numbers: as easy as 1, 2, 3") turns a key and a counter into 128 random bits. The key is
-that of a path (`key_of`); the counter says what the numbers are for. Nothing has to be kept of such a stream but how often was drawn.
+Philox 4x32-10 (Salmon et al. 2011, "Parallel random numbers: as easy as 1, 2, 3") turns a key and a counter into 128 random bits. The key is derived
+from a path (`key_of`); the counter says what the numbers are for. The only state of such a stream is how often it was used.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from uwserver.physics.kernel.deferred import compiled, entry
 from uwserver.physics.kernel.elementary import within_an_eighth
 
 SAMPLE, TURN_ON, EVENT = 0, 1, 2
-"""What is drawn for: a reading, the start of a run, or whatever happens beside the readings."""
+"""Purposes of random numbers: a reading, the start of a run, or an event beside the readings."""
 
 LANES = 1 << 24
-"""Blocks of four words that one purpose may draw at a time."""
+"""Number of blocks of four words that one purpose may draw at a time."""
 
 Word = np.uint64
-"""32 bits of a counter, a key or a random number, in 64 as products need them."""
+"""32 bits of a counter, a key or a random number, in a 64-bit word, as products need 64 bits."""
 
 _M0, _M1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
 _W0, _W1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
@@ -32,13 +32,13 @@ _QUARTER_TURN = 0.5 * math.pi
 
 
 def key_of(seed: int, path: str) -> int:
-    """The key (64 bits) of a path in a scenario with this seed."""
+    """Return the key (64 bits) of a path in a scenario with this seed."""
     return int.from_bytes(hashlib.blake2b(path.encode(), key=str(seed).encode()[:64], digest_size=8).digest(), "little")
 
 
 @compiled
 def philox(a: Word, b: Word, c: Word, d: Word, k: Word, m: Word) -> tuple[Word, Word, Word, Word]:
-    """Four random words, for a counter of four and a key of two."""
+    """Return four random words for a counter of four words and a key of two."""
     for _ in range(10):
         p, q = _M0 * a, _M1 * c
         a, b, c, d = (q >> _HALF) ^ b ^ k, q & _LOW, (p >> _HALF) ^ d ^ m, p & _LOW
@@ -48,7 +48,7 @@ def philox(a: Word, b: Word, c: Word, d: Word, k: Word, m: Word) -> tuple[Word, 
 
 @compiled
 def uniforms(key: int, number: int, purpose: int, lane: int) -> tuple[float, float]:
-    """Two numbers of 0 <= u < 1, of 53 bits each.
+    """Return two numbers 0 <= u < 1 of 53 bits each.
 
     Args:
         key: unsigned, of `key_of`.
@@ -66,9 +66,9 @@ def uniforms(key: int, number: int, purpose: int, lane: int) -> tuple[float, flo
 
 @compiled
 def on_circle(turn: float) -> tuple[float, float]:
-    """Cosine and sine of an angle of 0 to 1 turns, within 2.3e-16; without branches, which no processor could foresee for random angles.
+    """Return cosine and sine of an angle of 0 to 1 turns, within 2.3e-16, without branches, which no processor could predict for random angles.
 
-    With those of the C library two normal numbers take twice as long, and their last digits depend on the machine.
+    With the functions of the C library two normal numbers would take twice as long, and their last digits would depend on the machine.
     """
     quarters = 4.0 * turn
     n = math.floor(quarters + 0.5)
@@ -80,7 +80,8 @@ def on_circle(turn: float) -> tuple[float, float]:
 
 @compiled
 def normals(key: int, number: int, purpose: int, lane: int) -> tuple[float, float]:
-    """Two independent standard normal numbers (Box and Muller 1958), up to 8.5 sigma; arguments as of `uniforms`, of whose numbers they are made."""
+    """Return two independent standard normal numbers (Box and Muller 1958), up to 8.5 sigma, made of the numbers of `uniforms`, which has the same
+    arguments."""
     u, v = uniforms(key, number, purpose, lane)
     r = math.sqrt(-2.0 * math.log(1.0 - u))
     x, y = on_circle(v)
@@ -89,7 +90,7 @@ def normals(key: int, number: int, purpose: int, lane: int) -> tuple[float, floa
 
 @compiled
 def fill_normals(key: int, number: int, purpose: int, lane: int, count: int, out: Array) -> None:
-    """`count` standard normal numbers into `out`, from this lane on."""
+    """Write `count` standard normal numbers to `out`, from this lane on."""
     for k in range(0, count, 2):
         a, b = normals(key, number, purpose, lane + k // 2)
         out[k] = a
@@ -103,7 +104,7 @@ def _draw_normals(key: int, number: int, purpose: int, out: Array) -> None:
 
 
 def draw_normals(key: int, count: int, number: int = 0, purpose: int = TURN_ON) -> FloatArray:
-    """(count) standard normal numbers of a path, for who draws in Python."""
+    """Return (count) standard normal numbers of a path, for callers in Python."""
     out = np.empty(count)
     _draw_normals(np.uint64(key), number, purpose, out)
     return out

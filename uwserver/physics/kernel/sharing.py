@@ -1,11 +1,12 @@
-"""Loops of kernels that several threads share: the rows are cut into ranges, which whoever is free takes, until none is left.
+"""Loops of kernels that several threads share. The rows are cut into ranges; each free thread takes the next range until none is left.
 
-Who shares a loop hands out where its code and its arguments lie, runs ranges from the first row on, and waits for the others, who run some from the
-last row on. He waits for a range that another has begun, and never for one who sleeps or does not get a core: so it is never much slower than
-alone. Ranges write to rows of their own, so that the numbers are the same however many there are and whoever runs them.
+The caller publishes the addresses of the loop's code and arguments, runs ranges from the first row on, and waits for the other threads, which run
+ranges from the last row on. The caller waits only for ranges that another thread has begun, never for a thread that sleeps or has no core. So sharing
+is never much slower than running alone. Each range writes only its own rows, so that the results do not depend on the number of threads or on which
+thread runs which range.
 
-All of it happens in compiled code without the interpreter: a thread waits for work (`serve`) first turning round, then asleep in the kernel of the
-operating system (a futex of Linux). What the threads have in common is one array of numbers, the team (`uwserver.physics.kernel.team`).
+All of it happens in compiled code, without the interpreter. A thread waits for work (`serve`) first by spinning, then asleep in the kernel of the
+operating system (a futex of Linux). The threads share one array of numbers, the team (`uwserver.physics.kernel.team`).
 """
 
 from __future__ import annotations
@@ -47,18 +48,18 @@ from uwserver.physics.kernel.plain import IS_PLAIN
 
 _BITS = 12
 MOST_RANGES = (1 << _BITS) - 1
-"""That a loop is cut into."""
+"""Most ranges into which a loop is cut."""
 _MASK = MOST_RANGES
 _PATIENCE = 2000  # turns, some 50 us, for a range that another has begun
 _FUTEX_WAIT, _FUTEX_WAKE, _ALL = 128, 129, 1 << 30  # of one process
 
 _RANGE = ir.FunctionType(ir.IntType(32), [BYTES, WORD, WORD, WORD])
-"""Code of a loop as others call it: arguments, first row, end, who runs it; 0 if all went well."""
+"""Type of the code that other threads run: arguments, first row, end, number of the thread; it returns 0 if all went well."""
 
 
 @intrinsic(prefer_literal=False)  # type: ignore[untyped-decorator]
 def _task(typing: Any, loop: Any, args: Any) -> Any:
-    """Where the code and the arguments of a loop lie. The arguments lie on the stack of who calls this."""
+    """Return the addresses of the code and of the arguments of a loop. The arguments lie on the stack of the caller."""
     numbers = (types.int64, types.int64, types.int64)
     called = loop.get_call_type(typing, (*numbers, *args.types), {})
 
@@ -86,7 +87,7 @@ def _task(typing: Any, loop: Any, args: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def _call(_context: Any, code: Any, data: Any, first: Any, end: Any, me: Any) -> Any:
-    """Run a range; tells whether all went well."""
+    """Run a range; return whether it succeeded."""
 
     def generate(_ctx: Any, builder: Any, _signature: Any, args: Any) -> Any:
         function = builder.inttoptr(args[0], _RANGE.as_pointer())
@@ -98,7 +99,7 @@ def _call(_context: Any, code: Any, data: Any, first: Any, end: Any, me: Any) ->
 
 @compiled
 def _share(team: Array, code: int, data: int, count: int, least: int) -> bool:
-    # A range for each thread would make all wait for the slowest.
+    # Eight ranges for each thread: with one for each, all would wait for the slowest thread.
     size = max(least, (count + 8 * team[THREADS] - 1) // (8 * team[THREADS]), count // MOST_RANGES + 1)
     ranges = (count + size - 1) // size
     job = team[JOB] + 1
@@ -115,20 +116,21 @@ def _share(team: Array, code: int, data: int, count: int, least: int) -> bool:
 
 @compiled
 def _claim(job: int, low: int, high: int) -> int:
-    """Of a job the ranges that nobody has begun, in a number that is changed at once or not at all."""
+    """Pack the ranges of a job that no thread has begun into one number, so that they can be changed atomically."""
     return (job << 2 * _BITS) | (low << _BITS) | high
 
 
 @compiled
 def _run(team: Array, job: int, me: int) -> int:
-    """Take ranges of a job until none is left; returns how many. Who shares it (`me` 0) begins with the first, the others with the last."""
+    """Take ranges of a job until none is left, and return how many. The caller (`me` 0) takes the first one each time, other threads take the last
+    one."""
     taken = 0
     while True:
         claim = load_atomic(team, CLAIM)
         low, high = (claim >> _BITS) & _MASK, claim & _MASK
         if claim >> 2 * _BITS != job or low == high:
             return taken
-        # While the claim stands, this job is the one of which these tell.
+        # As long as the claim is unchanged, these values belong to this job.
         code, data, count, size = (
             load_atomic(team, CODE),
             load_atomic(team, DATA),
@@ -150,7 +152,7 @@ def _run(team: Array, job: int, me: int) -> int:
 
 @compiled
 def _await(team: Array, ranges: int) -> None:
-    """Until others have done so many."""
+    """Wait until other threads have done this number of ranges."""
     turns = 0
     while True:
         done = load_atomic(team, DONE)
@@ -184,20 +186,20 @@ share = compiled(_alone if IS_PLAIN else _among_threads)
 
 Args:
     team: of `team.Team`.
-    loop: a `compiled` function without a result. What it writes for a row depends on nothing that it writes for others; `me`, the number
-        of the thread, finds work space.
+    loop: a `compiled` function without a result. What it writes for a row must not depend on what it writes for others. `me`, the number of the
+        thread, selects work space.
     args: tuple of its arguments.
     count: rows.
-    least: the fewest rows in a range: so many that they take 5 us or more. Fewer than twice as many are not shared.
+    least: the fewest rows in a range, enough to take 5 us or more. A loop with fewer than twice as many rows is not shared.
 
 Raises:
-    MemoryError: there is no memory for what a range allocates.
+    MemoryError: there is no memory for an array that a range allocates.
 """
 
 
 @entry
 def serve(team: Array, me: int) -> None:
-    """What a thread of a team does, the number `me` of 1 and more, until the team ends."""
+    """Run ranges as thread number `me` (1 and more) of a team, until the team ends."""
     job = 0
     while True:
         turns = 0
@@ -217,13 +219,13 @@ def serve(team: Array, me: int) -> None:
 
 @entry
 def stop(team: Array) -> None:
-    """Let all threads of a team end, once they are idle."""
+    """Let all threads of a team end when they are idle."""
     store_atomic(team, STOP, 1)
     store_atomic(team, JOB, team[JOB] + 1)
     futex(team, JOB, _FUTEX_WAKE, _ALL)
 
 
 def load(team: Array) -> None:
-    """Have what stands here ready for a team, compiled or from the cache."""
+    """Load or compile the kernels of this module for a team."""
     for kernel, given in ((serve, (team, 1)), (stop, (team,))):
         cast("Any", kernel).load(*given)

@@ -1,8 +1,12 @@
-"""Files of compiled kernels, and which of them may be read.
+"""Names and files of compiled kernels: what a kernel is called in the cache, and which files may be read.
 
-A file is a line that names the folder for which it was made, a SHA-256 sum, and a pickle. Whoever can write a pickle that is read here runs code
-of his own, so a folder or a file counts only if its owner is this user or root, and nobody else can write it. A file that is cut off, damaged
-or of another folder is as none.
+Kernels outside physics stand beside tables and fields, which change often. So their names contain a hash of their code alone (`fingerprint`): of the
+function, of all that it calls, and of the constants that numba freezes into it; neither files nor line numbers count. Functions of physics count by
+their names, as the name of the cache folder already depends on their sources.
+
+A file is a line that names the folder for which it was made, a SHA-256 sum, and a pickle. Whoever can write a pickle that is read here can run any
+code. So a folder or a file counts only if its owner is this user or root and nobody else can write to it. A file that is cut off, damaged, or made
+for another folder counts as missing.
 """
 
 from __future__ import annotations
@@ -25,32 +29,32 @@ _SIZE = 12
 
 
 def names_of(code: CodeType) -> set[str]:
-    """Names that a function, or what it defines, may look up."""
+    """Return the names that a function, or a function defined in it, may look up."""
     return set(code.co_names).union(*(names_of(c) for c in code.co_consts if isinstance(c, CodeType)))
 
 
 def fingerprint(function: Callable[..., Any]) -> str:
-    """Hash of a function as written, and of all that it may name; the same in every process of a version of Python."""
+    """Return a hash of a function as written and of all that it may name; it is the same in every process of a version of Python."""
     digest = hashlib.sha256()
     _tell(function, lambda text: digest.update(text.encode() + b"\0"), {})
     return digest.hexdigest()[:_SIZE]
 
 
 def kernel_name(function: Callable[..., Any]) -> str:
-    """A kernel's module and name; outside physics, whose sources the folder's name tells, with the hash of what it is made of."""
+    """Return a kernel's module and name; outside physics with the hash of what it is made of."""
     name = f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}"
     return name if function.__module__.startswith(PHYSICS) else f"{name}+{fingerprint(function)}"
 
 
-def _tell(value: Any, say: Callable[[str], None], met: dict[int, int]) -> None:
-    """Say what a value is. What numba could make no machine code of is never part of a kernel, and left out."""
+def _tell(value: Any, say: Callable[[str], None], ray_targets: dict[int, int]) -> None:
+    """Pass a description of a value to `say`. Values that numba cannot compile are never part of a kernel, and are left out."""
     value = getattr(value, "py_func", value)
     if isinstance(value, FunctionType):
-        _tell_function(value, say, met)
+        _tell_function(value, say, ray_targets)
     elif isinstance(value, tuple | frozenset):
         say(f"{type(value).__qualname__} {len(value)}")
         for item in value if isinstance(value, tuple) else sorted(value, key=repr):
-            _tell(item, say, met)
+            _tell(item, say, ray_targets)
     elif isinstance(value, np.ndarray):
         say(f"array {value.dtype!r} {value.shape} {hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()}")
     elif isinstance(value, type):
@@ -61,28 +65,28 @@ def _tell(value: Any, say: Callable[[str], None], met: dict[int, int]) -> None:
     elif isinstance(value, CodeType):
         say(f"{value.co_code.hex()} {value.co_names} {value.co_varnames} {value.co_freevars}")
         for constant in value.co_consts:
-            _tell(constant, say, met)
+            _tell(constant, say, ray_targets)
     elif value is None or isinstance(value, bool | int | float | complex | str | bytes | np.dtype | np.generic):
         say(f"{type(value).__name__} {value!r}")
 
 
-def _tell_function(function: FunctionType, say: Callable[[str], None], met: dict[int, int]) -> None:
-    if id(function) in met:
-        say(f"again {met[id(function)]}")
+def _tell_function(function: FunctionType, say: Callable[[str], None], ray_targets: dict[int, int]) -> None:
+    if id(function) in ray_targets:
+        say(f"again {ray_targets[id(function)]}")
         return
-    met[id(function)] = len(met)
+    ray_targets[id(function)] = len(ray_targets)
     say(f"{function.__module__}.{function.__qualname__}")
     if not function.__module__.startswith(PHYSICS):
         code = function.__code__
-        # The text about a function stands among its constants.
+        # The docstring of a function is one of its constants.
         constants = tuple(c for c in code.co_consts if c != function.__doc__ or c is None)
-        _tell(code.replace(co_consts=constants), say, met)
-        _tell(function.__defaults__ or (), say, met)
+        _tell(code.replace(co_consts=constants), say, ray_targets)
+        _tell(function.__defaults__ or (), say, ray_targets)
         for name in sorted(names_of(code) & function.__globals__.keys()):
             say(name)
-            _tell(function.__globals__[name], say, met)
+            _tell(function.__globals__[name], say, ray_targets)
     for cell in function.__closure__ or ():
-        _tell(cell.cell_contents, say, met)
+        _tell(cell.cell_contents, say, ray_targets)
 
 
 _SUM = hashlib.sha256
@@ -96,10 +100,10 @@ def _owned_safely(status: os.stat_result) -> bool:
 
 
 def fault_of(folder: Path) -> str:
-    """Why nothing is read from a folder that is there; empty if it may be read.
+    """Return why nothing is read from an existing folder; empty if it may be read.
 
     Raises:
-        OSError: it cannot be looked at.
+        OSError: it cannot be inspected.
     """
     status = os.lstat(folder)
     if not stat.S_ISDIR(status.st_mode):
@@ -110,12 +114,12 @@ def fault_of(folder: Path) -> str:
 
 
 def read(folder: Path, name: str, packaged: bool = False) -> bytes | None:
-    """What `write` got for this name; None without a sound file of that name.
+    """Return what `write` got for this name; None if there is no sound file of that name.
 
     Args:
         folder: one without a `fault_of`.
         name: of the file.
-        packaged: whether the folder is part of the installed package; its files are then as good as the code beside them.
+        packaged: whether the folder is part of the installed package; its files are then as trustworthy as the code beside them.
     """
     try:
         descriptor = os.open(folder / name, os.O_RDONLY | _NO_LINK)
@@ -132,7 +136,7 @@ def read(folder: Path, name: str, packaged: bool = False) -> bytes | None:
 
 
 def write(folder: Path, name: str, body: bytes) -> None:
-    """Keep bytes under a name, at once or not at all; a folder that is full or gone keeps nothing."""
+    """Keep bytes under a name, completely or not at all. If the folder is full or missing, nothing is kept."""
     with contextlib.suppress(OSError):
         with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:  # mode 0600
             path = Path(file.name)

@@ -14,33 +14,33 @@ from uwserver.physics.kernel.plain import IS_PLAIN
 MOST_THREADS = 16
 
 _SPIN = 8000
-"""Turns, some 200 us: as long as a world of many bodies takes from one shared loop to the next where nothing paces it. Who sleeps meanwhile is awake
-again after 8 us at best and after a millisecond now and then, and half of what sharing gains is lost."""
+"""Number of turns that a thread spins before it sleeps, some 200 us: as long as a world of many bodies takes from one shared loop to the next at
+free-run. A sleeping thread wakes after 8 us at best and sometimes only after a millisecond, so half of what sharing gains would be lost."""
 
 
 def _memory() -> IntArray:
-    """Numbers of a team."""
+    """Return the numbers of a team."""
     memory = shared_numbers(SIZE)
     memory[THREADS] = 1
     return memory
 
 
 ALONE = _memory()
-"""The team of who shares with nobody."""
+"""The team of a single thread."""
 
 
 def cores() -> int:
-    """How many this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def can_sleep() -> bool:
-    """Whether threads of a team can wait here: they sleep in compiled code, by a system call."""
+    """Return whether threads of a team can wait on this machine: they sleep in compiled code, by a system call."""
     return FUTEX != 0
 
 
 def why_alone() -> str:
-    """Why a second thread is of no use here; empty where it may be of some."""
+    """Return why a second thread is of no use here; empty if it may be of use."""
     if IS_PLAIN:
         return "kernels are plain (UWSERVER_KERNELS)"
     if not can_sleep():
@@ -49,17 +49,17 @@ def why_alone() -> str:
 
 
 class Team:
-    """Threads of one world. They sleep while nobody shares a loop, and end with the team, with `end`, or with the interpreter.
+    """The threads of one world. They sleep while no loop is shared. They end with the team, with `end`, or with the interpreter.
 
-    A process that is forked has none of them: its team is one thread.
+    A forked process has none of these threads: its team is one thread.
 
     Attributes:
-        size: threads, that of the caller included.
-        numbers: what kernels get; it must outlive the tables in which its address stands.
+        size: number of threads, including the caller.
+        numbers: the array for kernels; it must outlive the tables that contain its address.
     """
 
     def __init__(self, size: int) -> None:
-        """Of 1 to MOST_THREADS threads; they begin with `begin`."""
+        """Make a team of 1 to MOST_THREADS threads; `begin` starts them."""
         self.size = size
         self.numbers = _memory()
         self.numbers[SPIN] = _SPIN
@@ -68,7 +68,7 @@ class Team:
         _teams.add(self)
 
     def begin(self) -> None:
-        """Have the threads, asleep until a loop is shared."""
+        """Start the threads. They sleep until a loop is shared."""
         from uwserver.physics.kernel import sharing
 
         sharing.load(self.numbers)
@@ -87,11 +87,11 @@ class Team:
         self.numbers[THREADS] = len(self._threads) + 1 if shares and self._ended.alive else 1
 
     def end(self) -> None:
-        """Let the threads end, and wait for it; from then on there is one."""
+        """End the threads and wait for them; from then on the caller is alone."""
         self._ended()
 
     def lose(self) -> None:
-        """In a forked process: there are no others."""
+        """Forget the threads, in a forked process, where they do not exist."""
         self._ended.detach()
         self.numbers[THREADS] = 1
 

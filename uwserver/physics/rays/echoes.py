@@ -1,4 +1,4 @@
-"""What comes back of the sound that meets something (compiled)."""
+"""How strongly a surface that sound meets scatters it back (compiled)."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.rays.raycast import NOTHING, SURFACE
 
 _LEAST_GRAZING = 0.01
-"""Sine below which backscatter falls no further: no bottom is that flat."""
+"""Sine of the grazing angle below which backscatter falls no further, as no bottom is perfectly flat."""
 
 
 class Ground(NamedTuple):
     """How strongly things scatter sound back.
 
     Attributes:
-        lambert: Lambert's parameter by material, linear.
+        lambert: Lambert's parameter by number of the material, linear.
         surface: of the sea surface.
     """
 
@@ -26,12 +26,12 @@ class Ground(NamedTuple):
 
 @compiled
 def returned(direction: Array, normal: Array, body: int, material: int, ground: Ground) -> float:
-    """Intensity that a square metre of what a ray hits scatters back at 1 m, per unit of incident intensity: Lambert's law.
+    """Return the intensity that a square metre of the surface that a ray hits scatters back to 1 m, per unit of incident intensity: Lambert's law.
 
     Args:
-        direction, normal: (3) of the ray and of what it hits.
-        body, material: of what it hits; nothing comes back from a miss.
-        ground: how strongly that scatters.
+        direction, normal: (3) of the ray, and of the surface that it hits.
+        body, material: of the surface; a ray without a hit returns 0.
+        ground: how strongly materials scatter.
     """
     sine = normal[0] * direction[0] + normal[1] * direction[1] + normal[2] * direction[2]
     sine = max(abs(sine), _LEAST_GRAZING)
@@ -40,7 +40,7 @@ def returned(direction: Array, normal: Array, body: int, material: int, ground: 
 
 @compiled
 def strength(body: int, material: int, ground: Ground) -> float:
-    """Lambert's parameter of what a ray hits. A material that nobody named counts as the last one: a sensor is no place to fail."""
+    """Return Lambert's parameter of the surface that a ray hits. An unknown material counts as the last one, as a sensor must not fail."""
     if body == NOTHING:
         return 0.0
     return ground.surface if body == SURFACE else float(ground.lambert[min(max(material, 0), len(ground.lambert) - 1)])

@@ -1,6 +1,6 @@
-"""Exact hits of rays: on planes and small solids one by one, on triangles that an engine has picked (compiled, float64).
+"""Exact hits of rays: on planes and small solids one by one, and on triangles that an engine has picked (compiled, float64).
 
-All functions keep in `raycast.Hits` the nearest hit of each ray that is not farther than a limit.
+All functions store in `raycast.Hits` the nearest hit of each ray that is not beyond a limit.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from uwserver.physics.rays.raycast import Hits
 from uwserver.physics.rays.rows import CARRIED, PLANE, SIDE, Simple
 
 _FARTHEST = 1e30
-"""m; the engine's numbers are float32."""
+"""m; a limit that float32, the type of the engine's numbers, can hold."""
 ROUNDING = 1e-6
-"""Of float32, as a part of the coordinates."""
+"""Rounding of float32, relative to the coordinates."""
 UNKNOWN = -1
 
 
 SIMPLE: Forms = {"planes": PLANE, "carried": CARRIED, "sides": SIDE}
-"""Of the table of what is intersected one by one."""
+"""The table of what is intersected one by one."""
 
 _simple_at = arrays_at(Simple, SIMPLE)
 
 
 @compiled
 def miss(hits: Hits) -> None:
-    """Begin an answer: no ray meets anything."""
+    """Begin an answer in which no ray hits anything."""
     for k in range(len(hits.distance)):
         hits.distance[k], hits.body[k], hits.material[k] = math.inf, -1, -1
         hits.normal[k, 0] = hits.normal[k, 1] = hits.normal[k, 2] = 0.0
@@ -44,14 +44,14 @@ def intersect_simple(
     table: Array, origin: Array, direction: Array, limit: float, state: Array, past: Array,
     distance: Array, normal: Array, body: Array, material: Array,
 ) -> None:  # fmt: skip
-    """Begin an answer: half-spaces and moving solids of few triangles, one by one.
+    """Begin an answer with the hits on half-spaces and on moving solids of few triangles, which are intersected one by one.
 
     Args:
         table: made by `SIMPLE`.
         origin, direction: (n, 3) of the rays in N.
         limit: m; farther things are not hit.
         state: (m, 13) of the bodies.
-        past: (n) of each ray the row of a body whose solids it passes, or nothing, for rays that pass none.
+        past: (n) for each ray the row of a body whose solids it does not hit, or an empty array.
         distance, normal, body, material: of `Hits`, receive the answer.
     """
     begin(table, origin, direction, limit, state, past, Hits(distance, normal, body, material))
@@ -59,7 +59,7 @@ def intersect_simple(
 
 @compiled
 def begin(table: Array, origin: Array, direction: Array, limit: float, state: Array, past: Array, hits: Hits) -> None:
-    """As `intersect_simple`."""
+    """Do what `intersect_simple` does, called from a kernel."""
     simple = _simple_at(table)
     miss(hits)
     _intersect_planes(origin, direction, limit, simple.planes, hits)
@@ -67,8 +67,20 @@ def begin(table: Array, origin: Array, direction: Array, limit: float, state: Ar
 
 
 @compiled
+def record(
+    hits: Hits, i: int, reached: float, approach: float, R: Array, normal: Array, body: int, material: int
+) -> None:
+    """Store a hit of ray i on a triangle whose normal (3) is given in a frame with the attitude R; the stored one points against the ray."""
+    hits.distance[i] = reached
+    sign = 1.0 if approach < 0.0 else -1.0
+    for j in range(3):
+        hits.normal[i, j] = sign * dot(R[j], normal)
+    hits.body[i], hits.material[i] = body, material
+
+
+@compiled
 def _intersect_planes(origin: Array, direction: Array, limit: float, planes: Array, hits: Hits) -> None:
-    """Hits on the outside of half-spaces."""
+    """Find hits on the outside of half-spaces."""
     distance, normal = hits.distance, hits.normal
     for plane in planes:
         for i in range(len(origin)):
@@ -96,7 +108,7 @@ def intersect_level(
     body: Array,
     material: Array,
 ) -> None:
-    """Hits of rays that go up on the level `height` (m) above their common origin, from below; `level` is its body and its material."""
+    """Find hits of rising rays on the level `height` (m) above their common origin, from below; `level` is its body and its material."""
     for i in range(len(direction)):
         if direction[i, 2] < 0.0:
             reached = -height / direction[i, 2]
@@ -108,10 +120,10 @@ def intersect_level(
 
 @compiled
 def _facing(sides: Array, first: int, count: int, origin: Array, facing: Array) -> int:
-    """Back-face culling: which triangles face a point of their frame.
+    """Find the triangles that face a point of their frame (back-face culling).
 
-    `facing` (count, 15) receives rows of the number of each, its plane's height, its normal, whether it has a hidden side, and the normals of
-    the three planes through the point and its edges. Returns how many.
+    `facing` (count, 15) receives a row for each: its number, the height of its plane, its normal, whether it has a hidden side, and the normals of
+    the three planes through the point and its edges. Return the number of rows.
     """
     found = 0
     ox, oy, oz = origin[0], origin[1], origin[2]
@@ -127,7 +139,7 @@ def _facing(sides: Array, first: int, count: int, origin: Array, facing: Array) 
             m = (k + 1) % 3
             ax, ay, az = side.corners[k, 0] - ox, side.corners[k, 1] - oy, side.corners[k, 2] - oz
             bx, by, bz = side.corners[m, 0] - ox, side.corners[m, 1] - oy, side.corners[m, 2] - oz
-            # Of two triangles that share an edge one has exactly the negative of the other: no ray slips through.
+            # For two triangles that share an edge, these are exactly the negatives of each other. So no ray slips through.
             row[6 + 3 * k], row[7 + 3 * k], row[8 + 3 * k] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
         found += 1
     return found
@@ -137,9 +149,9 @@ def _facing(sides: Array, first: int, count: int, origin: Array, facing: Array) 
 def _intersect_carried(
     origin: Array, direction: Array, limit: float, simple: Simple, state: Array, past: Array, hits: Hits
 ) -> None:
-    """Hits on moving solids of few triangles, one by one; what does not face the start of a ray is left out once for all rays that start
-    there, as soon as one of them comes near: of a swarm's rays few do."""
-    carried, sides, distance, normal = simple.carried, simple.sides, hits.distance, hits.normal
+    """Find hits on moving solids of few triangles, one by one. Triangles that do not face the start of a ray are excluded once for all rays that
+    start there, as soon as one of them comes near: few of the rays of a swarm do."""
+    carried, sides, distance = simple.carried, simple.sides, hits.distance
     R, middle, away, start, d = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     facing = np.empty((len(sides), 15))
     for solid in carried:
@@ -178,16 +190,12 @@ def _intersect_carried(
             if found >= 0:
                 row = facing[found]
                 approach = row[2] * d[0] + row[3] * d[1] + row[4] * d[2]
-                sign = 1.0 if approach < 0.0 else -1.0
-                distance[i] = row[1] / approach
-                for j in range(3):
-                    normal[i, j] = sign * (R[j, 0] * row[2] + R[j, 1] * row[3] + R[j, 2] * row[4])
-                hits.body[i], hits.material[i] = solid.body, sides[int(row[0])].material
+                record(hits, i, row[1] / approach, approach, R, row[2:5], solid.body, sides[int(row[0])].material)
 
 
 @compiled
 def _nearest(x: float, y: float, z: float, facing: Array, count: int, limit: float) -> int:
-    """The row of the nearest triangle that a ray of direction (x, y, z) meets within the limit; -1 for none."""
+    """Return the row of the nearest triangle that a ray of direction (x, y, z) meets within the limit; -1 for none."""
     found = -1
     for k in range(count):
         approach = facing[k, 2] * x + facing[k, 3] * y + facing[k, 4] * z
@@ -205,16 +213,16 @@ def _nearest(x: float, y: float, z: float, facing: Array, count: int, limit: flo
 
 
 class Batch(NamedTuple):
-    """A scene of the engine, and the rays that go to it.
+    """The triangles of an engine, and the rays that go to it.
 
     Attributes:
         sides: (t) triangles, SIDE.
-        owners: (t) ids of what they belong to.
+        owners: (t) ids of the solids to which they belong.
         box: (2, 3) centre and half sizes of the box around them in their frame; the engine's origin is the centre.
         R: (3, 3) attitude of that frame in N.
         start, towards: (n, 3) origins of the rays in it, about the centre, and directions.
         rays: (n) their places in the answer.
-        ahead: (n) where the engine begins, m along the ray.
+        ahead: (n) distance along the ray from which the engine begins, m.
         engine: (n, 7) origins, directions and limits in float32.
     """
 
@@ -248,7 +256,7 @@ _batch_at = arrays_at(Batch, BATCH)
 def bring(
     origin: Array, direction: Array, x: Array, R: Array, centre: Array, half: Array, start: Array, towards: Array
 ) -> float:
-    """Bring a ray into the frame of a surface.
+    """Transform a ray to the frame of a surface.
 
     Args:
         origin, direction: (3) of the ray in N.
@@ -257,7 +265,7 @@ def bring(
         start, towards: (3) out, about the centre.
 
     Returns:
-        How far from the box a ray may pass and meet what is in it, as float32 has it, m.
+        The distance from the box at which a ray may still hit its content, because of the rounding of float32, m.
     """
     slack = 0.0
     for j in range(3):
@@ -273,7 +281,7 @@ def bring(
 
 @compiled
 def enters(start: Array, towards: Array, half: Array, slack: float, limit: float) -> float:
-    """How far at most a ray is in a box, m; -1 where it does not pass it within the limit (the slab test)."""
+    """Return the distance (m) up to which a ray is in a box; -1 if it does not pass the box within the limit (the slab test)."""
     near, far = 0.0, limit
     for j in range(3):
         s, d, edge = start[j], towards[j], half[j] + slack
@@ -287,7 +295,8 @@ def enters(start: Array, towards: Array, half: Array, slack: float, limit: float
 
 @compiled
 def met_side(side: Any, start: Array, towards: Array) -> tuple[float, float]:
-    """How fast a ray comes out of the plane of a triangle, 0 along it, and how far away it meets it."""
+    """Return the component of a ray's direction along the outward normal of a triangle, 0 if the ray runs along its plane, and the distance at
+    which it meets the plane."""
     approach, height = dot(side.normal, towards), 0.0
     if approach == 0.0:
         return 0.0, math.inf
@@ -298,16 +307,16 @@ def met_side(side: Any, start: Array, towards: Array) -> tuple[float, float]:
 
 @entry
 def select_rays(table: Array, origin: Array, direction: Array, limit: float, x: Array, distance: Array) -> int:
-    """Bring rays that pass a box, before what they have hit so far, into its frame.
+    """Transform the rays that pass a box, before their present hits, to its frame.
 
     Args:
-        table: made by `BATCH`; receives them.
+        table: made by `BATCH`; receives the rays.
         origin, direction, limit: of the rays, in N.
         x: (13) state that places the frame.
-        distance: (n) of what they have hit so far.
+        distance: (n) of their present hits.
 
     Returns:
-        How many.
+        The number of these rays.
     """
     batch = _batch_at(table)
     R, start, towards, engine, centre, half = (
@@ -337,19 +346,19 @@ def select_rays(table: Array, origin: Array, direction: Array, limit: float, x: 
 def refine(
     table: Array, picked: Array, limit: float, body: int, distance: Array, normal: Array, bodies: Array, material: Array
 ) -> int:
-    """Exact hits on the triangles that the engine has picked.
+    """Compute exact hits on the triangles that the engine has picked.
 
     Args:
-        table: made by `BATCH`. Rays that met a hidden side must go on behind it: they move to the front of the batch.
+        table: made by `BATCH`. Rays that ray_targets a hidden side must continue behind it: they move to the front of the batch.
         picked: (m) triangle of each ray, -1 for none.
         limit: m; farther things are not hit.
         body: id of what is hit; -1: the triangle's owner.
         distance, normal, bodies, material: of `Hits`, in and out.
 
     Returns:
-        How many must go on; `ahead` says from where.
+        The number of rays that must continue; `ahead` says from where.
     """
-    batch = _batch_at(table)
+    batch, hits = _batch_at(table), Hits(distance, normal, bodies, material)
     start, towards = batch.start, batch.towards
     count = 0
     for k in range(len(picked)):
@@ -368,9 +377,6 @@ def refine(
             continue
         if not (0.0 <= reached < distance[i] and reached <= limit):
             continue
-        distance[i] = reached
-        sign = 1.0 if approach < 0.0 else -1.0
-        for j in range(3):
-            normal[i, j] = sign * dot(batch.R[j], side.normal)
-        bodies[i], material[i] = body if body >= 0 else batch.owners[t], side.material
+        owner = body if body >= 0 else batch.owners[t]
+        record(hits, i, reached, approach, batch.R, side.normal, owner, side.material)
     return count

@@ -1,4 +1,4 @@
-"""Rays of sensors that compiled code reads, against everything solid: one by one, and at surfaces by their trees (compiled, float64)."""
+"""Rays of sensors that compiled code reads, against everything solid: one by one, and on surfaces by their trees (compiled, float64)."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import array_at, arrays_at, lay
 from uwserver.physics.kernel.layout import Forms, Q, columns
 from uwserver.physics.kernel.linear import rotation
-from uwserver.physics.rays.hits import SIMPLE, begin, bring, enters, met_side
+from uwserver.physics.rays.hits import SIMPLE, begin, bring, enters, met_side, record
 from uwserver.physics.rays.raycast import Hits
 from uwserver.physics.rays.rows import SIDE
 from uwserver.physics.rays.tree import DEEPEST, TREE, Tree, nearest_of
 
 PLACED = np.dtype([("table", "i8"), ("body", "i8"), ("row", "i8")])
-"""A surface: where its table lies, its id (-1: those of its triangles' owners), and the row of the state that places it (-1: it never moves)."""
+"""A surface: address of its table, its id (-1: the ids of its triangles' owners), and the row of the state that places it (-1: it never moves)."""
 
 
 class Facing(NamedTuple):
-    """What is known of a surface beside its tree: its triangles, the ids of what they belong to, and its box, as in `hits.Batch`."""
+    """Data of a surface beside its tree: its triangles, the ids of their solids, and its box, as in `hits.Batch`."""
 
     sides: Array
     owners: Array
@@ -29,14 +29,14 @@ class Facing(NamedTuple):
 
 
 SURFACE: Forms = {**TREE, "sides": SIDE, "owners": columns(np.int64), "box": columns(np.float64, 3)}
-"""Of the table of a surface."""
+"""The table of a surface."""
 SOLID: Forms = {**SIMPLE, "placed": PLACED}
-"""Of the table of everything solid, which begins as that of what is intersected one by one."""
+"""The table of everything solid. It begins with the table of what is intersected one by one."""
 
 _tree_at, _facing_at = arrays_at(Tree, SURFACE), arrays_at(Facing, SURFACE)
 _placed_at = array_at(SOLID, "placed")
 _ROWS = 2 * len(SURFACE)
-"""Numbers of the table of a surface."""
+"""Number of int64 in the table of a surface."""
 
 
 @compiled
@@ -70,11 +70,8 @@ def _meet(surface: Array, placed: Any, x: Array, R: Array, rays: Any, work: Any,
         approach, reached = met_side(side, o, d)
         if approach == 0.0 or not (0.0 <= reached < hits.distance[i] and reached <= limit):
             continue
-        hits.distance[i] = reached
-        sign = 1.0 if approach < 0.0 else -1.0
-        for j in range(3):
-            hits.normal[i, j] = sign * (R[j, 0] * side.normal[0] + R[j, 1] * side.normal[1] + R[j, 2] * side.normal[2])
-        hits.body[i], hits.material[i] = placed.body if placed.body >= 0 else facing.owners[t], side.material
+        owner = placed.body if placed.body >= 0 else facing.owners[t]
+        record(hits, i, reached, approach, R, side.normal, owner, side.material)
 
 
 @entry
@@ -82,7 +79,7 @@ def meet(
     table: Array, origin: Array, direction: Array, limit: float, state: Array, past: Array,
     distance: Array, normal: Array, body: Array, material: Array,
 ) -> None:  # fmt: skip
-    """The first solid thing that each ray meets.
+    """Find the first solid that each ray meets.
 
     Args:
         table: made by `SOLID`.

@@ -1,4 +1,4 @@
-"""What sensors and the contact solver may ask of solid things. The engines behind it are chosen at load; nothing here imports one."""
+"""What sensors and the contact solver may ask about solid things. No engine is imported here; it is chosen at load."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from uwserver.physics.kernel.arrays import FloatArray, IntArray
 
 NOTHING = -1
 SURFACE = -2
-"""Id of the sea surface, which is no solid: sensors give it, as body and as material of a hit."""
+"""Id of the sea surface, which is no solid. Sensors use it as body and as material of a hit."""
 
 
 class Hits(NamedTuple):
-    """First thing that each ray meets.
+    """The first thing that each ray meets.
 
     Attributes:
         distance: (n) m; inf where nothing is hit.
         normal: (n, 3) outward unit normal in N; zeros where nothing is hit.
-        body: (n) id of what is hit; -1 for nothing.
-        material: (n) number of its material; -1 for nothing.
+        body: (n) id of the solid; -1 if nothing is hit.
+        material: (n) number of its material; -1 if nothing is hit.
     """
 
     distance: FloatArray
@@ -38,15 +38,15 @@ class Geometry(Protocol):
         Args:
             origin: (n, 3) starts in N, m.
             direction: (n, 3) unit directions in N.
-            max_range: m; farther things are not hit.
+            max_range: m; things beyond it are not hit.
 
         Returns:
-            Arrays that are the caller's to change.
+            Arrays that the caller may change.
         """
 
 
 def no_hits(n: int) -> Hits:
-    """The answer to n rays that meet nothing; its arrays may be filled in."""
+    """Return the answer for n rays that meet nothing. Its arrays may be filled in."""
     nothing = np.full(n, -1, dtype=np.int64)
     return Hits(np.full(n, np.inf), np.zeros((n, 3)), nothing, nothing.copy())
 
@@ -55,5 +55,5 @@ class OpenWater:
     """A world without anything solid."""
 
     def raycast(self, origin: FloatArray, direction: FloatArray, max_range: float) -> Hits:
-        """Nothing is hit."""
+        """Return that nothing is hit."""
         return no_hits(len(origin))

@@ -1,4 +1,7 @@
-"""What rays may hit, as records for the kernels of `hits`."""
+"""What rays may hit: solids as triangles, and records for the kernels of `hits`.
+
+Round shapes become facets with their corners on the surface, so a range to one is up to 0.25 % of its radius too long.
+"""
 
 from __future__ import annotations
 
@@ -22,13 +25,13 @@ from uwserver.physics.geometry.shapes import (
 from uwserver.physics.kernel.arrays import FloatArray, IntArray, Records
 
 AROUND = 64
-"""Facets around a round shape."""
+"""Number of facets around a round shape."""
 
 
 class Facets(NamedTuple):
-    """Triangles of a solid in its frame: corners (n, 3, 3), counter-clockwise from outside, and for each its material and sides.
+    """Triangles of a solid in its frame: corners (n, 3, 3), counter-clockwise from outside, and the material and sides of each.
 
-    `sided` (n): only the outside can be hit.
+    `sided` (n) is 1 if only the outside can be hit.
     """
 
     corners: FloatArray
@@ -37,7 +40,7 @@ class Facets(NamedTuple):
 
 
 def facets(solid: Solid) -> Facets:
-    """All shapes of a solid but half-spaces."""
+    """Return the triangles of all shapes of a solid except half-spaces."""
     corners, material, sided = [np.zeros((0, 3, 3))], [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     for placed in solid.shapes:
         triangles = _triangles(placed)
@@ -73,7 +76,7 @@ def _triangles(placed: Placed) -> FloatArray:
 
 
 def _surface_of_revolution(profile: list[tuple[float, float]]) -> FloatArray:
-    """Triangles of the surface that points (x, radius), from -x to +x, sweep about axis x."""
+    """Return the triangles of the surface that points (x, radius), from -x to +x, sweep about axis x."""
     angles = 2.0 * np.pi * np.arange(AROUND) / AROUND
     y, z = np.cos(angles), np.sin(angles)
     rings = [np.stack([np.full(AROUND, x), r * y, r * z], axis=1) for x, r in profile]
@@ -88,24 +91,25 @@ def _surface_of_revolution(profile: list[tuple[float, float]]) -> FloatArray:
 
 
 PLANE = np.dtype([("point", "f8", 3), ("normal", "f8", 3), ("body", "i8"), ("material", "i8")])
-"""A half-space: a point of its plane, the outward normal (N), the id of its solid and the number of its material."""
+"""A half-space: a point of its plane, the outward normal (N), the id of its solid, and the number of its material."""
 
 SIDE = np.dtype([("corners", "f8", (3, 3)), ("normal", "f8", 3), ("sided", "i8"), ("material", "i8")])
-"""A triangle, counter-clockwise from outside: corners, outward unit normal (zero without an area), whether only the outside can be hit."""
+"""A triangle, counter-clockwise from outside: corners, outward unit normal (zero if it has no area), whether only the outside can be hit,
+material."""
 
 CARRIED = np.dtype(
     [("body", "i8"), ("row", "i8"), ("first", "i8"), ("count", "i8"), ("centre", "f8", 3), ("radius", "f8")]
 )
-"""A solid that moves: its id, its row in the state, its triangles, and the ball around them in its frame."""
+"""A moving solid: its id, its row in the state, its triangles, and the ball around them in its frame."""
 
 
 class Simple(NamedTuple):
-    """All that is intersected one by one.
+    """All things that are intersected one by one.
 
     Attributes:
         planes: (n) PLANE.
         carried: (m) CARRIED.
-        sides: (k) SIDE, of all carried.
+        sides: (k) SIDE, the triangles of all carried solids.
     """
 
     planes: Records
@@ -114,7 +118,7 @@ class Simple(NamedTuple):
 
 
 def planes(solids: Iterable[tuple[int, Solid]]) -> Records:
-    """The half-spaces of static solids, by id, as PLANE (n)."""
+    """Return the half-spaces of static solids, by id, as PLANE (n)."""
     found = [
         (placed.p, -placed.R[:, 2], body, solid.material if placed.material < 0 else placed.material)
         for body, solid in solids
@@ -125,7 +129,7 @@ def planes(solids: Iterable[tuple[int, Solid]]) -> Records:
 
 
 def sides(parts: Facets, centre: FloatArray) -> Records:
-    """The triangles of a solid about a point (3) of its frame, as SIDE (n)."""
+    """Return the triangles of a solid about a point (3) of its frame, as SIDE (n)."""
     rows = np.empty(len(parts.corners), SIDE)
     corners = parts.corners - centre
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -136,6 +140,6 @@ def sides(parts: Facets, centre: FloatArray) -> Records:
 
 
 def middle(parts: Facets) -> tuple[FloatArray, FloatArray]:
-    """Centre and half sizes (3) of the box around a solid's triangles."""
+    """Return centre and half sizes (3) of the box around a solid's triangles."""
     low, high = parts.corners.min(axis=(0, 1)), parts.corners.max(axis=(0, 1))
     return 0.5 * (low + high), 0.5 * (high - low)

@@ -1,7 +1,6 @@
-"""Triangles of solids, of which is found which one a ray meets first: in compiled code by a tree of our own (`meeting`), in Python by a picker, which
-is Embree, that works in float32, or where that is not installed the tree. Range and normal are computed from the triangle in float64, and each
-surface is kept about an origin near it.
-"""
+"""Triangles of solids, of which the one that a ray meets first is found: in compiled code by our own tree (`meeting`), in Python by a picker. The
+picker is Embree, which works in float32, or our tree if Embree is not installed. Range and normal are computed from the triangle in float64,
+and each surface is kept about an origin near it."""
 
 from __future__ import annotations
 
@@ -12,8 +11,6 @@ from importlib.util import find_spec
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh as EmbreeMesh
-from embreex.rtcore_scene import EmbreeScene
 
 from uwserver.physics.geometry.shapes import HalfSpace, Solid, check_shape
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
@@ -22,37 +19,36 @@ from uwserver.physics.rays import hits
 from uwserver.physics.rays.meeting import SURFACE
 from uwserver.physics.rays.raycast import Hits
 from uwserver.physics.rays.rows import Facets, facets, middle, sides
-from uwserver.physics.rays.tree import grow
+from uwserver.physics.rays.tree import TreePicker, grow
 
 FEW = 96
-"""Triangles of a moving solid, as eight boxes have, up to which one by one is quicker than the engine."""
+"""Most triangles of a moving solid, as eight boxes have, for which one by one is faster than the engine."""
 LATTICE_M = 1024.0
-"""Between origins of what never moves. Nothing small is farther than half of it from its own along an axis, where float32 has steps of 0.03 mm:
-that far beside its edge a triangle may be missed, or met."""
+"""Distance between the origins of static solids. No small thing is farther than half of it from its own origin along an axis, where the steps of
+float32 are 0.03 mm: within this distance of its edge a triangle may be missed or hit by mistake."""
 _HIDDEN_SIDES = 16
-"""A ray gives up behind this many hidden sides."""
+"""A ray ends behind this many hidden sides."""
 _KEPT = 16
-"""Numbers of rays for which a surface keeps arrays."""
+"""Most numbers of rays for which a surface keeps arrays."""
 
 
 class Picker(Protocol):
-    """Triangles (t, 3, 3), of which it finds the first that each ray meets, from either side."""
+    """Finds the first of some triangles (t, 3, 3) that each ray meets, from either side."""
 
     def pick(self, origin: FloatArray, direction: FloatArray, limit: FloatArray | None = None) -> IntArray:
-        """Numbers (n) of triangles, -1 for none, of rays (n, 3) whose directions have length one; a limit (n) is in m, and so is the origin."""
+        """Return the numbers (n) of triangles, -1 for none, for rays (n, 3) with unit directions. A limit (n) is in m, and so is the origin."""
 
 
 def has_embree() -> bool:
-    """Whether Embree is installed. Without it the same is seen, more slowly."""
+    """Return whether Embree is installed. Without it the results are the same, more slowly."""
     return find_spec("embreex") is not None
 
 
 def make_picker(corners: FloatArray, robust: bool = True) -> Picker:
-    """The quickest picker that is installed, of triangles (t, 3, 3) about the origin; if it need not be `robust`, a ray may slip through an edge."""
+    """Return the fastest picker that is installed, for triangles (t, 3, 3) about the origin. If it need not be `robust`, a ray may slip through an
+    edge."""
     if has_embree():
         return EmbreePicker(corners, robust)
-    from uwserver.physics.rays.tree import TreePicker
-
     return TreePicker(corners)
 
 
@@ -67,7 +63,7 @@ class Surface:
     """Triangles of solids in one frame.
 
     Args:
-        solids: by id; an id is given only if a ray is cast without one.
+        solids: by id; the ids are reported if a ray is cast without an id for the whole surface.
         origin: (3) of the picker in that frame, m; default: their centre.
     """
 
@@ -87,19 +83,19 @@ class Surface:
         return make_picker(self._sides["corners"])
 
     @cached_property
-    def _met(self) -> dict[str, Any]:
+    def _ray_targets(self) -> dict[str, Any]:
         tree = grow(self._sides["corners"], self._sides["sided"])
         return {**tree._asdict(), "sides": self._sides, "owners": self._owners, "box": self._box}
 
     @cached_property
     def table(self) -> IntArray:
-        """Of `meeting.SURFACE`, for compiled code."""
-        return addresses(SURFACE, self._met)
+        """The table of `meeting.SURFACE`, for compiled code."""
+        return addresses(SURFACE, self._ray_targets)
 
     def apart(self) -> Surface:
-        """The same triangles for one other thread, with work space of its own; always the same answer. What picks is safe in many threads."""
+        """Return the same triangles for one other thread, with work space of its own; always the same object. The picker is safe in many threads."""
         if self._apart is None:
-            _ = self._picker  # which both share
+            _ = self._picker  # made now, as both share it
             self._apart = other = copy(self)
             other.__dict__["_works"] = {}
         return self._apart
@@ -107,7 +103,7 @@ class Surface:
     def cast(
         self, x: FloatArray, body: int, origin: FloatArray, direction: FloatArray, limit: float, answer: Hits
     ) -> None:
-        """Add the hits of rays (n, 3) to the answer; the state x (13) places the frame."""
+        """Add the hits of rays (n, 3) to the answer. The state x (13) places the frame."""
         work = self._works.get(len(origin)) or self._buffers(len(origin))
         batch = work.batch
         count = hits.select_rays(work.table, origin, direction, limit, x, answer.distance)
@@ -126,7 +122,7 @@ class Surface:
             )
 
     def _buffers(self, n: int) -> _Work:
-        """Arrays for n rays, kept for the next ones, as to make them costs more than to cast a few rays."""
+        """Return arrays for n rays. They are kept for the next ones, as making them takes longer than casting a few rays."""
         if len(self._works) >= _KEPT:
             self._works.clear()
         batch = hits.Batch(
@@ -138,23 +134,24 @@ class Surface:
 
 
 class Surfaces:
-    """Of the solids of a world, or of several worlds with the same solids that are stepped in one thread. Kept for the next who has the same."""
+    """The surfaces of the solids of a world, or of several worlds with the same solids that are stepped in one thread. They are kept for later
+    worlds."""
 
     def __init__(self) -> None:
         self._moving: dict[int, tuple[Solid, Surface | None]] = {}
         self._still: dict[tuple[tuple[int, int], ...], tuple[Mapping[int, Solid], tuple[Surface, ...]]] = {}
 
     def of(self, solid: Solid) -> Surface | None:
-        """In its own frame; None where it has few triangles. Raises BadSolid."""
+        """Return the surface of a solid in its own frame; None if it has few triangles. Raise BadSolid if it is impossible."""
         if id(solid) not in self._moving:
             for placed in solid.shapes:
                 check_shape(placed.shape)
             surface = Surface({0: solid}) if len(facets(solid).corners) > FEW else None
-            self._moving[id(solid)] = solid, surface  # so that nobody else gets this id
+            self._moving[id(solid)] = solid, surface  # kept, so that no other object gets this id
         return self._moving[id(solid)][1]
 
     def still(self, solids: Mapping[int, Solid]) -> tuple[Surface, ...]:
-        """Of what never moves, by ids: one for each point of the lattice. The last that were asked for are kept."""
+        """Return the surfaces of static solids, by ids: one for each point of the lattice. The last result is cached."""
         key = tuple((body, id(solid)) for body, solid in solids.items())
         if key not in self._still:
             made = tuple(Surface(there, about) for about, there in _by_origin(solids).items())
@@ -163,7 +160,7 @@ class Surfaces:
 
 
 def _by_origin(solids: Mapping[int, Solid]) -> dict[tuple[float, ...], dict[int, Solid]]:
-    """What is meshed, by the point of the lattice that each is kept about."""
+    """Return the meshed static solids, by the point of the lattice about which each is kept."""
     found: dict[tuple[float, ...], dict[int, Solid]] = {}
     for body, solid in solids.items():
         if any(not isinstance(placed.shape, HalfSpace) for placed in solid.shapes):
@@ -174,15 +171,18 @@ def _by_origin(solids: Mapping[int, Solid]) -> dict[tuple[float, ...], dict[int,
 
 
 class EmbreePicker:
-    """A `surfaces.Picker`. One that is not `robust` is a fifth quicker, and a ray may slip through between two triangles: for pictures."""
+    """Embree as a `Picker`, in float32. Without `robust` it is a fifth faster, but a ray may slip through between two triangles: for pictures."""
 
     def __init__(self, corners: FloatArray, robust: bool = True) -> None:
+        from embreex.mesh_construction import TriangleMesh as EmbreeMesh
+        from embreex.rtcore_scene import EmbreeScene
+
         n = len(corners)
         self._scene = EmbreeScene(robust=robust)
         flat = corners.reshape(-1, 3).astype(np.float32)
         self._mesh = EmbreeMesh(self._scene, flat, np.arange(3 * n, dtype=np.int32).reshape(-1, 3))
 
     def pick(self, origin: FloatArray, direction: FloatArray, limit: FloatArray | None = None) -> IntArray:
-        """As `surfaces.Picker`."""
+        """Implement `Picker.pick`."""
         picked: IntArray = self._scene.run(origin, direction, limit)
         return picked

@@ -1,7 +1,7 @@
-"""A tree of boxes around triangles (compiled, float64): for sensors that are read in compiled code, and as a picker where Embree is not installed.
+"""A tree of boxes around triangles (compiled, float64): for sensors that are read in compiled code, and as a picker if Embree is not installed.
 
-A perfect binary tree in one array, as of a heap: the children of box k are 2 k + 1 and 2 k + 2. Each box is halved at the median of its
-triangles' middles along its longest side, until few are left in one.
+It is a perfect binary tree in one array, like a heap: the children of box k are 2 k + 1 and 2 k + 2. Each box is divided at the median of its
+triangles' centres along its longest side, until few triangles are left in each.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from uwserver.physics.kernel.layout import Forms, columns
 _LEAF = 4
 """Most triangles of a leaf."""
 DEEPEST = 64
-"""Boxes that wait at most while a ray is followed."""
+"""Most boxes that wait on the stack while a ray is followed."""
 _ROUNDING = 1e-15
 
 
@@ -27,7 +27,7 @@ class Tree(NamedTuple):
 
     Attributes:
         corners: (t, 3, 3) of the triangles.
-        sided: (t) 1: only its outside is met, which its corners go round counter-clockwise.
+        sided: (t) 1: only the outside, from which the corners are counter-clockwise, is hit.
         boxes: (2 m - 1, 2, 3) low and high corners.
         first: (m + 1) where each leaf's triangles begin in `order`.
         order: (t) numbers of the triangles.
@@ -47,11 +47,11 @@ TREE: Forms = {
     "first": columns(np.int64),
     "order": columns(np.int64),
 }
-"""Of a table of its arrays."""
+"""The table of the arrays of a tree."""
 
 
 def grow(corners: FloatArray, sided: IntArray | None = None) -> Tree:
-    """The tree of triangles (t, 3, 3), each met from either side unless it is `sided` (t)."""
+    """Return the tree of triangles (t, 3, 3). Each is hit from either side unless it is `sided` (t)."""
     n = len(corners)
     depth = max(math.ceil(math.log2(max(n, 1) / _LEAF)), 0)
     sided = np.zeros(n, np.int64) if sided is None else np.ascontiguousarray(sided, np.int64)
@@ -63,13 +63,13 @@ def grow(corners: FloatArray, sided: IntArray | None = None) -> Tree:
 
 
 class TreePicker:
-    """A `surfaces.Picker`."""
+    """The tree as a `surfaces.Picker`."""
 
     def __init__(self, corners: FloatArray) -> None:
         self._tree = grow(corners)
 
     def pick(self, origin: FloatArray, direction: FloatArray, limit: FloatArray | None = None) -> IntArray:
-        """As `surfaces.Picker`."""
+        """Implement `surfaces.Picker.pick`."""
         n = len(origin)
         picked: IntArray = np.empty(n, np.int32)
         limits = np.full(n, np.inf) if limit is None else np.ascontiguousarray(limit, np.float64)
@@ -118,19 +118,21 @@ def build(corners: Array, boxes: Array, first: Array, order: Array) -> None:
 
 @compiled
 def _entered(box: Array, o: Array, ix: float, iy: float, iz: float, limit: float) -> float:
-    """How far along a ray it enters a box, by the inverses of its direction; inf if it misses it or enters behind the limit (the slab test)."""
+    """Return the distance along a ray at which it enters a box, from the inverses of its direction; inf if it misses the box or enters beyond the
+    limit (the slab test)."""
     ax, bx = (box[0, 0] - o[0]) * ix, (box[1, 0] - o[0]) * ix
     ay, by = (box[0, 1] - o[1]) * iy, (box[1, 1] - o[1]) * iy
     az, bz = (box[0, 2] - o[2]) * iz, (box[1, 2] - o[2]) * iz
     near = max(0.0, min(ax, bx), min(ay, by), min(az, bz))
     far = min(limit, max(ax, bx), max(ay, by), max(az, bz))
-    # A flat box, as of a level seabed, is as thick as rounding.
+    # The margin is for rounding: the box of a level seabed has no thickness.
     return near if near <= far * (1.0 + 1e-12) + 1e-12 else math.inf
 
 
 @compiled
 def _side(corners: Array, t: int, j: int, k: int, o: Array, d: Array) -> float:
-    """On which side of edge j k of a triangle a ray passes. Of two triangles that share an edge one has exactly the negative of the other."""
+    """Return on which side of edge j k of a triangle a ray passes. For two triangles that share an edge, the values are exactly the negatives of
+    each other."""
     ax, ay, az = corners[t, j, 0] - o[0], corners[t, j, 1] - o[1], corners[t, j, 2] - o[2]
     bx, by, bz = corners[t, k, 0] - o[0], corners[t, k, 1] - o[1], corners[t, k, 2] - o[2]
     return float(d[0] * (ay * bz - az * by) + d[1] * (az * bx - ax * bz) + d[2] * (ax * by - ay * bx))
@@ -138,8 +140,8 @@ def _side(corners: Array, t: int, j: int, k: int, o: Array, d: Array) -> float:
 
 @compiled
 def _reached(corners: Array, sided: int, t: int, o: Array, d: Array) -> float:
-    """How far along a ray it meets a triangle, from either side, or from the outside alone; inf if it misses it. No ray slips through where two
-    meet."""
+    """Return the distance along a ray at which it meets a triangle, from either side or from the outside alone; inf if it misses it. No ray slips
+    through a common edge."""
     u, v, w = _side(corners, t, 1, 2, o, d), _side(corners, t, 2, 0, o, d), _side(corners, t, 0, 1, o, d)
     total, farthest = u + v + w, 0.0
     if sided != 0 and total > 0.0:
@@ -149,7 +151,7 @@ def _reached(corners: Array, sided: int, t: int, o: Array, d: Array) -> float:
         for i in range(3):
             far += (corners[t, c, i] - o[i]) ** 2
         farthest = max(farthest, far)
-    # Through a corner all sides may be off by rounding.
+    # For a ray through a corner all sides may be wrong by rounding.
     slack = _ROUNDING * farthest
     if total == 0.0 or (min(u, v, w) < -slack and max(u, v, w) > slack):
         return math.inf
@@ -163,13 +165,13 @@ def _reached(corners: Array, sided: int, t: int, o: Array, d: Array) -> float:
 
 @compiled
 def nearest_of(tree: Tree, o: Array, d: Array, limit: float, todo: Array, entry_at: Array) -> int:
-    """The number of the triangle that a ray meets first.
+    """Return the number of the triangle that a ray meets first.
 
     Args:
         tree: of all.
         o, d: (3) where the ray starts, and its direction.
-        limit: m; farther triangles are not met.
-        todo, entry_at: (`DEEPEST`) work space.
+        limit: m; farther triangles are not ray_targets.
+        todo, entry_at: (`DEEPEST`) work space: boxes that wait, and where the ray enters them.
 
     Returns:
         -1 for none.
@@ -208,12 +210,12 @@ def nearest_of(tree: Tree, o: Array, d: Array, limit: float, todo: Array, entry_
 def pick_nearest(
     corners: Array, sided: Array, boxes: Array, first: Array, order: Array, origin: Array, direction: Array, limit: Array, picked: Array
 ) -> None:  # fmt: skip
-    """The triangle that each ray meets first.
+    """Find the triangle that each ray meets first.
 
     Args:
         corners, sided, boxes, first, order: of a `Tree`.
         origin, direction: (n, 3) of the rays.
-        limit: (n) m; farther triangles are not met.
+        limit: (n) m; farther triangles are not ray_targets.
         picked: (n) receives their numbers, -1 for none.
     """
     tree = Tree(corners, sided, boxes, first, order)

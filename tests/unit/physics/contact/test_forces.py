@@ -68,8 +68,6 @@ def test_a_contact_without_impulse_does_nothing() -> None:
     assert not rows["in_contact"].any()
 
 
-
-
 def bodies() -> FloatArray:
     """Two states that move and turn, within half a metre of the point."""
     state = np.zeros((2, 13))

@@ -1,7 +1,7 @@
 """How numba keeps and loads the kernels of this package: by what they are made of, not by path and time of a file.
 
-Of an entry only its machine code is kept. numba keeps the intermediate code of all that a kernel calls as well, for kernels that may call it,
-and parses both at each start: half a second and 75 MB for those of a world.
+Of an entry only its machine code is kept. numba would also keep the intermediate code of all that a kernel calls, for other kernels that may call it,
+and parse both at each start: half a second and 75 MB for the kernels of a world.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from numba.core.serialize import dumps
 _UNREADABLE = (
     pickle.UnpicklingError, EOFError, OSError, RuntimeError, ImportError, AttributeError, IndexError, KeyError, TypeError, ValueError
 )  # fmt: skip
-"""What a file can lead to that is sound and yet not what it should be."""
+"""Exceptions that an intact file with wrong content can cause."""
 
 
 def file_name(kernel: str, signature: Any) -> str:
-    """Of the file that holds a kernel for arguments of these types."""
+    """Return the name of the file that holds a kernel for arguments of these types."""
     kinds = hashlib.sha256(str(signature).encode()).hexdigest()[:16]
     return f"{kernel}-{kinds}.kernel"
 
 
 class EntryCache(caching._Cache):  # type: ignore[misc]  # noqa: SLF001  # the base that numba's dispatchers ask for
-    """Files of one entry."""
+    """The files of one entry."""
 
     def __init__(
         self,
@@ -37,12 +37,12 @@ class EntryCache(caching._Cache):  # type: ignore[misc]  # noqa: SLF001  # the b
         read: Callable[[str], Iterable[bytes | None]],
         write: Callable[[str, bytes], None] | None,
     ) -> None:
-        """Of an entry.
+        """Make the cache of an entry.
 
         Args:
-            kernel: gives its name.
-            read: gives what folders hold under the name of a file, the best first.
-            write: keeps bytes under such a name; None where nothing is kept.
+            kernel: returns its name.
+            read: yields the contents of the file of a name in each folder, the best first.
+            write: keeps bytes under such a name; None if nothing is kept.
         """
         self._name, self._read, self._write = kernel, read, write
 
@@ -52,10 +52,10 @@ class EntryCache(caching._Cache):  # type: ignore[misc]  # noqa: SLF001  # the b
 
     @property
     def cache_path(self) -> None:
-        """No single folder."""
+        """None, as there is no single folder."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The kernel for these types, or None."""
+        """Return the kernel for these types, or None."""
         target_context.refresh()
         loaded = (_load(body, target_context) for body in self._read(file_name(self._kernel, sig)))
         return next((kernel for kernel in loaded if kernel is not None), None)
@@ -67,13 +67,13 @@ class EntryCache(caching._Cache):  # type: ignore[misc]  # noqa: SLF001  # the b
             self._write(file_name(self._kernel, sig), dumps(_reduced(data)))
 
     def enable(self) -> None:
-        """Always so."""
+        """Do nothing: the cache is always enabled."""
 
     def disable(self) -> None:
-        """Never so."""
+        """Do nothing: the cache cannot be disabled."""
 
     def flush(self) -> None:
-        """Files stay."""
+        """Do nothing: the files stay."""
 
 
 def _load(body: bytes | None, target_context: Any) -> Any:
@@ -86,7 +86,8 @@ def _load(body: bytes | None, target_context: Any) -> Any:
 
 
 def _reduced(result: Any) -> tuple[Any, ...]:
-    """What is written. In place of the intermediate code stand empty functions of the names by which numba finds the machine code."""
+    """Return what is written for a kernel. In place of the intermediate code stand empty functions with the names by which numba finds the machine
+    code."""
     (name, kind, (machine_code, _)), *rest = result._reduce()  # noqa: SLF001
     names = result.fndesc.llvm_cpython_wrapper_name, result.fndesc.llvm_func_name
     stubs = "\n".join(f'define void @"{each}"() {{ ret void }}' for each in names)

@@ -1,9 +1,9 @@
 """How kernels become machine code: each entry is linked from all that it calls, and optimised once.
 
-numba by itself optimises every function that a kernel calls, and makes machine code of it, at each level of calls anew; and it compiles a
-function once for every whole number that is written at a call, as the number of a row. Both together took two thirds of the time. Here what
-kernels call (a part) is only typed and translated. What Python calls (an entry) takes in the parts that it needs, straight and through other
-parts, as its own: names of parts mean nothing outside, so that kernels made by different processes can be loaded side by side.
+numba itself optimises every function that a kernel calls, and makes machine code of it, anew at each level of calls. It also compiles a function once
+for every literal whole number at a call, such as the number of a row. Both together took two thirds of the time. Here a function that kernels call (a
+part) is only typed and translated. A function that Python calls (an entry) takes in all parts that it needs, directly or through other parts, as its
+own code. Names of parts have no meaning outside an entry, so kernels made by different processes can be loaded side by side.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from numba.core.environment import lookup_environment
 from numba.core.types import unliteral  # type: ignore[attr-defined]  # made at run time
 
 _OPTIONS = {"nopython": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-"""No GIL, IEEE division, no re-association (the same bits on every CPU), and no second door for callers in C."""
+"""No GIL, IEEE division, no re-association (the same bits on every CPU), and no wrapper for callers in C."""
 
 _ENVIRONMENT = "_ZN08NumbaEnv"
 _NAME, _WRAPPER = "_ZN", "_ZN7cpython"
-"""What a name of machine code begins with, and what that of the door begins with by which Python comes to it."""
+"""Prefix of the names of machine code, and that of the wrappers through which Python calls it."""
 
 
 class _PartCode(JITCodeLibrary):  # type: ignore[misc]  # numba has no types
-    """Code of a part: as translated, for entries to take in."""
+    """The code of a part, as translated, for entries to take in."""
 
     def finalize(self) -> None:
         self._finalized = True
 
 
 class _EntryCode(JITCodeLibrary):  # type: ignore[misc]
-    """Code of an entry: with all parts, optimised, and compiled."""
+    """The code of an entry with all its parts, optimised and compiled."""
 
     def finalize(self) -> None:
         self._linking_libraries: Any = list(_closure(self._linking_libraries))
@@ -46,7 +46,7 @@ class _EntryCode(JITCodeLibrary):  # type: ignore[misc]
     def _optimize_final_module(self) -> None:
         made = [function for function in self._final_module.functions if not function.is_declaration]
         doors = {function.name for function in made if function.name.startswith(_WRAPPER)}
-        # Python comes by its door, a kernel that runs others (`calling`) straight to what lies behind it.
+        # Python calls the wrapper; a kernel that calls others by address (`calling`) calls the function behind it.
         kept = doors | {_NAME + door.removeprefix(_WRAPPER) for door in doors}
         for function in made:
             if function.name not in kept:
@@ -55,7 +55,7 @@ class _EntryCode(JITCodeLibrary):  # type: ignore[misc]
 
 
 def _closure(libraries: Iterable[Any]) -> dict[Any, None]:
-    """Libraries and what their parts need, each once, in the order in which they are met."""
+    """Return libraries and all parts that they need, each once, in the order in which they are found."""
     found: dict[Any, None] = {}
     todo = list(libraries)[::-1]
     while todo:
@@ -68,7 +68,7 @@ def _closure(libraries: Iterable[Any]) -> dict[Any, None]:
 
 
 class _EntryCompiler(compiler.Compiler):  # type: ignore[misc]
-    """numba's compiler, into a library of ours."""
+    """numba's compiler with our library for its code."""
 
     code = _EntryCode
 
@@ -79,7 +79,7 @@ class _EntryCompiler(compiler.Compiler):  # type: ignore[misc]
 
 
 class _PartCompiler(_EntryCompiler):
-    """The same, up to the machine code."""
+    """The same for a part: it stops before the machine code."""
 
     code = _PartCode
 
@@ -90,14 +90,14 @@ class _PartCompiler(_EntryCompiler):
 
     def compile_extra(self, function: Any) -> Any:
         result = super().compile_extra(function)
-        # By this its callers name it.
+        # Callers refer to the part by this object.
         name = object()
         self.state.targetctx.insert_user_function(name, result.fndesc, [result.library])
         return result._replace(entry_point=name)
 
 
 class _SeparateCompiler(_PartCompiler):
-    """The same, for a part that stays a function of its own."""
+    """The same for a part that is never inlined."""
 
     def compile_extra(self, function: Any) -> Any:
         result = super().compile_extra(function)
@@ -106,7 +106,7 @@ class _SeparateCompiler(_PartCompiler):
 
 
 class Entry(registry.CPUDispatcher):  # type: ignore[misc]
-    """What Python calls, and no kernel: nothing of it is left to be called."""
+    """A function that Python calls and no kernel does. Nothing of it is left for kernels to call."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function, targetoptions=dict(_OPTIONS), pipeline_class=_EntryCompiler)
@@ -115,15 +115,15 @@ class Entry(registry.CPUDispatcher):  # type: ignore[misc]
         raise errors.TypingError(f"{self.__name__} is an entry: kernels call what is `compiled`")
 
     def load(self, *like: Any) -> None:
-        """Be ready for arguments like these: from the cache, or compiled now."""
+        """Compile for arguments like these, or load from the cache."""
         self.compile(tuple(typeof(argument) for argument in like))
 
 
 class Part(registry.CPUDispatcher):  # type: ignore[misc]
-    """What kernels call. Called from Python, as tests do, it becomes an entry of its own."""
+    """A function that kernels call. If Python calls it, as tests do, it becomes an entry of its own."""
 
     def __init__(self, function: Callable[..., Any], make_entry: Callable[..., Any], *, inlined: bool | None) -> None:
-        """`inlined` into its callers always, never, or (None) where the optimiser thinks best."""
+        """Make a part; `inlined` into its callers always, never, or (None) where the optimiser decides so."""
         options = _OPTIONS | {"no_cpython_wrapper": True, "forceinline": inlined is True}
         super().__init__(
             function, targetoptions=options, pipeline_class=_SeparateCompiler if inlined is False else _PartCompiler
@@ -135,7 +135,7 @@ class Part(registry.CPUDispatcher):  # type: ignore[misc]
         self.overloads[tuple(result.signature.args)] = result
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        # One version for all rows that are named by a constant.
+        # One version serves all literal numbers of rows.
         kws = {name: unliteral(kind) for name, kind in kws.items()}
         return super().get_call_template(tuple(unliteral(kind) for kind in args), kws)
 
