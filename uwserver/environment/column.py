@@ -1,4 +1,5 @@
-"""The water column: temperature, salinity, density, pressure and sound speed over depth by TEOS-10, tabulated before the first tick."""
+"""The water column: temperature, salinity, density, pressure and sound speed over depth by TEOS-10, tabulated before the first tick; and the
+absorption of sound."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The Earth at the origin of N: geodetic coordinates (WGS 84), UTC, magnetic field (World Magnetic Model), gravity and rotation."""
+"""The Earth at the origin of N: geodetic coordinates (WGS 84) and their conversion to north and east, UTC, magnetic field (World Magnetic Model),
+gravity and rotation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The water of a world: its properties over depth, and pressure, velocity and surface as functions of place and time."""
+"""The water of a world: its properties over depth, and pressure, velocity and surface as functions of place and time; with moving water (`Sea`),
+its currents and waves as arrays for the kernel."""
 
 from __future__ import annotations
 

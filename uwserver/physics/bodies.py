@@ -304,13 +304,9 @@ class Hydrodynamics:
 
     def advance(self, t: float) -> int:
         """Move all bodies from t to t + dt (s). Return -1, or the row of the first body whose state is not finite."""
-        if self._sea is not None:
-            self.fill_flows(t, 0.5 * self.dt)
+        self.fill_flows(t, 0.5 * self.dt)
         if self.collider is not None:
             self.find_contacts()
-        return self._carry(t)
-
-    def _carry(self, t: float) -> int:
         lost: int = entries.carry()(*self._given(), t, self.dt)
         return lost
 
@@ -326,14 +322,9 @@ class Hydrodynamics:
         wrench. The wrench is that of thrusters, prescribed rows and the external one.
         """
         nu_dot, tau = np.empty((len(self), 6)), np.empty((len(self), 6))
-        self.rates_into(t, nu_dot, tau)
-        return nu_dot, tau
-
-    def rates_into(self, t: float, nu_dot: FloatArray, tau: FloatArray) -> None:
-        """Write the results of `rates_of_change` to arrays (n, 6)."""
-        if self.sea is not None:
-            self.fill_flows(t)
+        self.fill_flows(t)
         entries.find_rates()(*self._given(), t, nu_dot, tau)
+        return nu_dot, tau
 
     def load_kernels(self) -> None:
         """Load or compile the kernels now instead of in the first tick. It is done once for all worlds of the same kind."""

@@ -98,18 +98,6 @@ def _sea() -> None:
     world.fill_flows(0.0)
 
 
-COMPILE: dict[str, Callable[[], object]] = {
-    "free": lambda: _free(False),
-    "fins": lambda: _free(True),
-    "contact": lambda: entries.contact_codes(False),
-    "fins in contact": lambda: entries.contact_codes(True),
-    "sea": _sea,
-    "solids": lambda: solid_kernels(),
-    "echoes": lambda: echo_kernels(),
-}
-"""Compiles the kernels of each stage, and no others."""
-
-
 class _Underfoot:
     """Gives one contact, below the first body."""
 
@@ -188,3 +176,15 @@ def _body(drag: float) -> BodyParams:
         ),
         thrusters=(thruster,),
     )
+
+
+COMPILE: dict[str, Callable[[], object]] = {
+    "free": lambda: _free(False),
+    "fins": lambda: _free(True),
+    "contact": lambda: entries.contact_codes(False),
+    "fins in contact": lambda: entries.contact_codes(True),
+    "sea": _sea,
+    "solids": solid_kernels,
+    "echoes": echo_kernels,
+}
+"""Compiles the kernels of each stage, and no others."""

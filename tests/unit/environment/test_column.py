@@ -1,4 +1,4 @@
-"""The water column against gsw and closed forms, and the forms in which a scenario gives it."""
+"""The water column against gsw and closed forms, its tables in a scenario, and the absorption of sound."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The Earth about the origin of N: magnetic field, gravity, and how it turns."""
+"""The Earth about the origin of N: geodetic coordinates, magnetic field, gravity and rotation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Losses of sound by reflection at the rough sea surface, and at a bottom that is modelled as a fluid."""
+"""Bottom materials, and losses of sound by reflection at the rough sea surface and at a bottom that is modelled as a fluid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Rays in a layered sea, whose sound speed is linear between nodes. In each layer a ray is an arc of a circle, in closed form.
+"""Rays in a layered sea, whose sound speed is linear between nodes, and the choice of these nodes. In each layer a ray is an arc of a circle, in
+closed form.
 
 A ray keeps its slowness p = cos(grazing) / c (Snell). Between two depths it is described by `theta`, its grazing angle where the sound is fastest:
 so no sine is computed as a difference of two nearly equal numbers, however flat the ray is.

@@ -1,4 +1,4 @@
-"""A ray in single layers: nodes where they belong, and sums over layers that do not depend on how many there are."""
+"""A ray in single layers: nodes at their places, sums that do not depend on the number of layers, and the thinning of a profile."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What holds, as a force on both bodies over the tick."""
+"""Holding impulses as a force on both bodies over the tick, and how far a contact moves within it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contact rows and their solution: Jacobians against differences, and the laws that impulses must satisfy."""
+"""Islands of bodies that touch; Jacobians against differences; and the laws that impulses must satisfy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A propeller by open-water curves: on their points, between, beyond, at rest and astern; and by a series in four quadrants."""
+"""A propeller by open-water curves and by a series in four quadrants, a foil at any angle of attack, and a servo."""
 
 from __future__ import annotations
 

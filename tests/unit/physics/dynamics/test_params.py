@@ -1,4 +1,4 @@
-"""Parameters of bodies and thrusters, and the rows that kernels get of them."""
+"""Parameters of bodies and thrusters, lags against exact solutions, and the rows that kernels get of them."""
 
 from __future__ import annotations
 

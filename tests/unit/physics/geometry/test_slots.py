@@ -1,4 +1,4 @@
-"""Forms of the shapes' arrays, and kinds that compiled code compares."""
+"""Forms of the arrays of shapes, kinds that compiled code compares, and faces, edges and corners in a direction."""
 
 from __future__ import annotations
 

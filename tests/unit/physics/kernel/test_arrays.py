@@ -1,4 +1,4 @@
-"""The names of arrays mean the types that the kernels' arrays have."""
+"""The types that names of arrays mean, rows joined end to end, and pools of rows."""
 
 from __future__ import annotations
 

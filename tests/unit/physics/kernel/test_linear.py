@@ -1,4 +1,4 @@
-"""The kernel's own elimination against LAPACK."""
+"""Elimination against LAPACK, and rotations against `uwserver.frames`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of kernels: what is sound and safe is read, all else is as none."""
+"""Names of kernels depend on all that they are made of. Of their files only sound and safe ones are read; all others count as missing."""
 
 from __future__ import annotations
 

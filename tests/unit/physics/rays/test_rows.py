@@ -1,4 +1,4 @@
-"""Rows of what rays may hit."""
+"""Triangles of solids are closed, outward, and of the right size and material; rows of what rays may hit."""
 
 from __future__ import annotations
 
