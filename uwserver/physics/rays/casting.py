@@ -1,11 +1,11 @@
 """Rays against everything solid in a world: the engine of all ranging sensors.
 
 Half-spaces and moving solids of few triangles are intersected one by one, exactly. For all others the triangle that a ray meets first is found in one
-of two ways. Sensors that compiled code reads use a tree (`ray_targets`), so that they do not stop a tick. Sensors in Python, which cast many rays at a time,
-use a picker (`surfaces`), which is faster then. Range and normal are computed from the triangle in float64, and each surface is kept about an origin
-near it. For static solids that origin is the nearest point of a fixed lattice, so that a distant object changes no range, not even in its last bit. A
-moving solid has a surface in its own frame, which equal solids share; only rays that pass it are tested against it. This module is imported only if a
-world has something solid.
+of two ways. Sensors that compiled code reads use a tree (`ray_targets`), so that they do not stop a tick. Sensors in Python, which cast many rays at
+a time, use a picker (`surfaces`), which is faster then. Range and normal are computed from the triangle in float64, and each surface is kept about an
+origin near it. For static solids that origin is the nearest point of a fixed lattice, so that a distant object changes no range, not even in its last
+bit. A moving solid has a surface in its own frame, which equal solids share; only rays that pass it are tested against it. This module is imported
+only if a world has something solid.
 """
 
 from __future__ import annotations
@@ -154,7 +154,9 @@ class Rays:
                 (c.surface.table.ctypes.data, body, c.row) for body, c in self._moving.items() if c.surface is not None
             ]
             rows = {**simple._asdict(), "placed": np.array([*still, *moving], meeting.PLACED)}
-            self._ray_targets = RayTargets(address_of(_loaded(meeting.meet), "none"), addresses(meeting.SOLID, rows), rows)
+            self._ray_targets = RayTargets(
+                address_of(_loaded(meeting.meet), "none"), addresses(meeting.SOLID, rows), rows
+            )
         return self._ray_targets
 
     def still(self, state: FloatArray, without: int = NOBODY) -> Still:
