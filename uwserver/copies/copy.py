@@ -247,6 +247,9 @@ def lines(count: int) -> int:
     return -(-count // LINE) * LINE
 
 
+# -- which sensors measure --------------------------------------------------------------------------------------------------------------
+
+
 def measured_of(world: World, sensors: Collection[str] | None) -> tuple[str, ...]:
     """Return the paths of the sensors that measure in the copies of a world.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -48,17 +48,11 @@ class ScenarioBuilder:
 
     def extension(self, file: str | Path) -> ScenarioBuilder:
         """Run a Python file that adds kinds of component, which later calls may then use."""
-        path = str(Path(file).resolve())
-        files, problems = [*self._raw.get("extensions", []), path], list[Problem]()
-        label = self._raw["title"] or "scenario"
-
-        def report(_: KeyPath, text: str) -> None:
-            problems.append(Problem(label, 0, 0, "extensions", text))
-
-        more = extension_kinds(files, Path.cwd(), report, problems.append)
-        if problems:
-            raise ScenarioError(problems)
-        self._more, self._raw["extensions"] = more, files
+        files = [*self._raw.get("extensions", []), str(Path(file).resolve())]
+        self._more = self._checked(
+            lambda report, add: extension_kinds(files, Path.cwd(), lambda _, text: report(("extensions",), text), add)
+        )
+        self._raw["extensions"] = files
         return self
 
     def world(self, **keys: Any) -> ScenarioBuilder:
@@ -143,7 +137,7 @@ class ScenarioBuilder:
     def build(self) -> Scenario:
         """Return the scenario; the builder can be used further."""
         adapters = self._installed or {}
-        tree = self._checked(lambda report: scenario_tree(self._raw, adapters, Converter(report, self._more)))
+        tree = self._checked(lambda report, _: scenario_tree(self._raw, adapters, Converter(report, self._more)))
         return tree.value  # type: ignore[no-any-return]  # a Scenario, as nothing was reported
 
     def _sensor(self, vehicle: str, sensor: str) -> KeyPath:
@@ -168,7 +162,7 @@ class ScenarioBuilder:
     def _set(self, path: KeyPath, type_: Any, raw: dict[str, Any]) -> ScenarioBuilder:
         """Check a table against its type, or against Structs by their kind, and put it at a path."""
 
-        def check(report: Report) -> None:
+        def check(report: Report, _: Any) -> None:
             converter = Converter(report, self._more)
             converted = converter.kind if isinstance(type_, Mapping) else converter.tree
             if check_name(path, report):
@@ -181,11 +175,11 @@ class ScenarioBuilder:
         table[path[-1]] = raw
         return self
 
-    def _checked(self, conversion: Any) -> Any:
-        """Return the result of `conversion(report)`; raise ScenarioError if anything was reported."""
+    def _checked(self, conversion: Callable[[Report, Callable[[Problem], None]], Any]) -> Any:
+        """Return the result of `conversion(report, add)`; raise ScenarioError if anything was reported or added."""
         problems: list[Problem] = []
         place = from_tables({}, self._raw["title"] or "scenario")
-        result = conversion(lambda path, text, at=None: problems.append(place.problem(path, text, at)))
+        result = conversion(lambda path, text, at=None: problems.append(place.problem(path, text, at)), problems.append)
         if problems:
             raise ScenarioError(problems)
         return result

@@ -8,8 +8,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 
-from msgspec import UnsetType
-
 from uwserver.actuators import Lamps
 from uwserver.environment.light import WATER_TYPES
 from uwserver.physics.geometry.shapes import HalfSpace
@@ -24,8 +22,6 @@ from uwserver.sensors.others import Sight
 from uwserver.units import rad
 from uwserver.world.members import Member
 from uwserver.world.world import World
-
-_SEABED_NAME = "seabed"
 
 log = logging.getLogger(__name__)
 
@@ -55,8 +51,7 @@ class _CameraScene:
         """Yield seabed, structures, and bodies."""
         resolved = self._resolved
         for name, solid in resolved.static.items():
-            is_seabed = name == _SEABED_NAME and not isinstance(resolved.scenario.seabed, UnsetType)
-            paint = self._paint(SEABED, SAND) if is_seabed else self._paint(STRUCTURE, GROWTH)
+            paint = self._paint(SEABED, SAND) if name == "seabed" else self._paint(STRUCTURE, GROWTH)
             looks, placed = resolved.looks.get(name, b""), solid.shapes[0] if solid.shapes else None
             if looks and placed is not None and not isinstance(placed.shape, HalfSpace):
                 yield VisibleThing(name, solid, paint, looks, p=placed.p, R=placed.R)

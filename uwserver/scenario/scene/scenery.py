@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Callable
 from fractions import Fraction
-from functools import partial
+from functools import cached_property, partial
 from typing import Protocol
 
 from msgspec import UnsetType, structs
@@ -48,6 +48,7 @@ from uwserver.world.world import World
 SCHEMA = 1
 """Version of the format of the description."""
 SEABED_NAME = "seabed"
+"""Name of the seabed among the static solids. No structure may have it."""
 _FLAT_K = 1e-9
 """Wave number (rad/m) below which a component is the tide and no wave."""
 
@@ -89,7 +90,6 @@ class Scenery:
         self.model_files: dict[str, bytes] = {}
         self._newest: SceneView | None = None
         self._params: dict[int, BodyParams] = {}
-        self._solids: tuple[SolidView | None, tuple[SolidView, ...]] | None = None
 
     def scene(self, entities: EntityList) -> SceneView:
         """Return the description of the world with these bodies."""
@@ -97,7 +97,8 @@ class Scenery:
         if newest is not None and newest.revision == entities.revision:
             return newest
         resolved, world = self._resolved, self._world
-        seabed, structures = self._static()
+        seabed, structures = self._static
+        origin = resolved.scenario.world.origin
         vehicles = tuple(self._vehicle(body) for body in entities.vehicles)
         files = [(body.name, resolved.vehicles[body.like].vehicle) for body in entities.vehicles]
         self._newest = SceneView(
@@ -107,7 +108,7 @@ class Scenery:
             title=resolved.scenario.title,
             epoch=world.epoch_utc,
             rate_hz=float(world.rate_hz),
-            origin=self._origin(),
+            origin=None if origin is None else OriginView(*map(rad, origin)),
             water=self._water(),
             seabed=seabed,
             structures=structures,
@@ -118,23 +119,17 @@ class Scenery:
         )
         return self._newest
 
+    @cached_property
     def _static(self) -> tuple[SolidView | None, tuple[SolidView, ...]]:
-        """Return seabed and structures; computed once."""
-        if self._solids is None:
-            resolved, seabed, structures = self._resolved, None, []
-            for name, solid in resolved.static.items():
-                is_seabed = name == SEABED_NAME and not isinstance(resolved.scenario.seabed, UnsetType)
-                colour = SEABED if is_seabed else STRUCTURE
-                shapes = shape_views(solid, resolved.materials, colour, self.meshes)
-                placed = solid.shapes[0] if solid.shapes else Placed(HalfSpace())
-                looks = self._model_file(resolved.looks.get(name, b""))
-                view = SolidView(name, shapes, looks and structs.replace(looks, p=placed.p, q=placed.q))
-                if is_seabed:
-                    seabed = view
-                else:
-                    structures.append(view)
-            self._solids = seabed, tuple(structures)
-        return self._solids
+        """Seabed and structures."""
+        views: dict[str, SolidView] = {}
+        for name, solid in self._resolved.static.items():
+            colour = SEABED if name == SEABED_NAME else STRUCTURE
+            shapes = shape_views(solid, self._resolved.materials, colour, self.meshes)
+            placed = solid.shapes[0] if solid.shapes else Placed(HalfSpace())
+            looks = self._model_file(self._resolved.looks.get(name, b""))
+            views[name] = SolidView(name, shapes, looks and structs.replace(looks, p=placed.p, q=placed.q))
+        return views.pop(SEABED_NAME, None), tuple(views.values())
 
     def _vehicle(self, body: Present) -> BodyView:
         resolved = self._resolved.vehicles[body.like]
@@ -187,12 +182,6 @@ class Scenery:
         name = hashlib.sha256(data).hexdigest()
         self.model_files[name] = data
         return ModelFileView(name, len(data))
-
-    def _origin(self) -> OriginView | None:
-        table = self._resolved.scenario.world
-        if isinstance(table.origin_lat_deg, UnsetType) or isinstance(table.origin_lon_deg, UnsetType):
-            return None
-        return OriginView(rad(table.origin_lat_deg), rad(table.origin_lon_deg))
 
 
 def water_view(resolved: Resolved, world: World) -> WaterView:
