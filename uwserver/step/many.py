@@ -13,7 +13,7 @@ import numpy as np
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.calling import call_for_number
 from uwserver.physics.kernel.compiled import compiled, entry
-from uwserver.physics.kernel.handles import array_at, lay, state_at
+from uwserver.physics.kernel.handles import array_at, state_at, view_at
 from uwserver.physics.kernel.layout import WORLD
 from uwserver.physics.kernel.straight import address_of
 from uwserver.step import rows, streams, tick
@@ -29,13 +29,13 @@ _SCRATCH = list(WORLD).index("scratch")
 @compiled
 def _table(address: int, count: int) -> Array:
     """Return the table of `count` arrays at an address."""
-    return lay(address, 2 * count).reshape(count, 2)
+    return view_at(address, 2 * count).reshape(count, 2)
 
 
 @compiled
 def _values(address: int, room: int, width: int) -> Array:
     """Return the array (room, width) at an address."""
-    return lay(address, room * width).view(np.float64).reshape(room, width)
+    return view_at(address, room * width).view(np.float64).reshape(room, width)
 
 
 @entry

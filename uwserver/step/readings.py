@@ -9,7 +9,7 @@ import numpy as np
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.calling import call, call_for_float, call_for_number
 from uwserver.physics.kernel.compiled import compiled
-from uwserver.physics.kernel.handles import array_at, lay
+from uwserver.physics.kernel.handles import array_at, view_at
 from uwserver.physics.rays.hits import miss
 from uwserver.physics.rays.raycast import NOTHING, Hits
 from uwserver.sensors.surroundings import FORMS as SURROUNDINGS
@@ -179,7 +179,7 @@ def _aim(table: Array, sensors: Array, kind: Any, due: Array, records: Array, t:
 def _read(table: Array, sensors: Array, kind: Any, due: Array) -> None:
     """Make the sensors of one kind read."""
     t = seconds_of(_course(table)[0], _run(table)[0].tick)
-    records = lay(kind.rows, kind.row_count)
+    records = view_at(kind.rows, kind.row_count)
     given = _heads(sensors), records, _numbers(sensors), due, _surroundings(table), t
     if kind.by_rays != 0:
         hits = _aim(table, sensors, kind, due, records, t)
@@ -198,7 +198,7 @@ def _read_exactly(table: Array, sensors: Array, kind: Any, due: Array) -> None:
         if head.exact_first < 0:
             continue
         words = kind.row_size // 8
-        record = lay(kind.rows + head.row * kind.row_size, words)
+        record = view_at(kind.rows + head.row * kind.row_size, words)
         kept, remembered = heads[due[k] : due[k] + 1].copy(), record.copy()
         head.exact = head.shadow = 1
         head.first = head.exact_first

@@ -31,7 +31,7 @@ def _pointer(_context: Any, address: Any) -> Any:
 
 
 @inlined
-def lay(address: int, count: int) -> Array:
+def view_at(address: int, count: int) -> Array:
     """Return an array of int64 over the memory at an address. Laid over records, it represents them in a call (`calling`) of code that knows their
     form."""
     return carray(_pointer(address), (count,), np.int64)

@@ -8,7 +8,7 @@ import numpy as np
 
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled, entry
-from uwserver.physics.kernel.handles import array_at, arrays_at, lay
+from uwserver.physics.kernel.handles import array_at, arrays_at, view_at
 from uwserver.physics.kernel.layout import Forms, Q, columns
 from uwserver.physics.kernel.linear import rotation
 from uwserver.physics.rays.hits import SIMPLE, begin, bring, enters, met_side, record
@@ -94,5 +94,5 @@ def meet(
     work = np.empty(3), np.empty(3), np.empty(DEEPEST, np.int64), np.empty(DEEPEST)
     for k in range(len(placed)):
         _place(state, placed[k].row, x, R)
-        surface = lay(placed[k].table, _ROWS).reshape((_ROWS // 2, 2))
+        surface = view_at(placed[k].table, _ROWS).reshape((_ROWS // 2, 2))
         _meet(surface, placed[k], x, R, (origin, direction, limit, past), work, hits)
