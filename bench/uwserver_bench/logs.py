@@ -22,7 +22,7 @@ from threading import Event, Thread
 from typing import IO, Any
 
 from uwserver.logfiles import open_log
-from uwserver.recording.player_track import Track
+from uwserver.recording.player.track import Track
 from uwserver.recording.states import ENTITY_LISTS, STATES
 from uwserver.simulation.clock import SystemTime, processor_ns
 from uwserver_bench.processes import BenchFailed, Served, running, served_by, serving

@@ -21,7 +21,7 @@ from websockets.typing import Subprotocol
 
 from uwserver.cli.browser.chromium import PATIENCE_S, Browser, Page, browsing
 from uwserver.cli.serving.play import play
-from uwserver.recording.player_services import PLAYBACK_SERVICES
+from uwserver.recording.player.world import PLAYBACK_SERVICES
 
 PROBES = Path(__file__).parents[1] / "page_probes.js"
 SCENARIO = """

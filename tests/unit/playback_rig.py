@@ -12,9 +12,9 @@ import numpy as np
 from uwserver.ports import Call, Command, Event, Progress, Reply, Sample
 from uwserver.ports.crossing import TickOutput
 from uwserver.recording.parts import ONE_FILE, Rotation
-from uwserver.recording.player import Player
-from uwserver.recording.player_track import Track
-from uwserver.recording.player_world import Range
+from uwserver.recording.player.player import Player
+from uwserver.recording.player.track import Track
+from uwserver.recording.player.world import Range
 from uwserver.recording.recorder import Recorder
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
@@ -160,7 +160,7 @@ class Deck:
 
     def call(self, service: str, **args: Any) -> Reply:
         from uwserver.ports.checks import checked_args
-        from uwserver.recording.player_services import SERVICES
+        from uwserver.recording.player.world import SERVICES
 
         answers: list[Reply | Progress] = []
         self.player.call(service, checked_args(SERVICES[service], args), "", answers.append)

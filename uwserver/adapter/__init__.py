@@ -17,7 +17,7 @@ from uwserver.adapter.access import (
     tls_context,
     token_for,
 )
-from uwserver.adapter.base import AdapterBase
+from uwserver.adapter.base import AdapterBase, CannotServe, Refusals, did_you_mean
 from uwserver.adapter.bounds import MESSAGE_LIMIT, STRANGER_LIMIT
 from uwserver.adapter.connection import HIGH_WATER, LINGER_S, TURN_S, Connection
 from uwserver.adapter.contract import (
@@ -30,14 +30,26 @@ from uwserver.adapter.contract import (
     Driver,
     Order,
     Subscriber,
+    VehicleFacts,
+    WorldFacts,
     adapter_entries,
     installed_adapters,
     load_adapter,
 )
 from uwserver.adapter.conversation import UNANSWERED, Conversation, InFlightLimit, OnAnswer
 from uwserver.adapter.foreign import REFUSALS, FirstBytes, http_answer
-from uwserver.adapter.framing import EncodingName, Frames, Lines, TooLong, Undecodable, decode, frame, line
-from uwserver.adapter.limits import RateMeter, TurnTimes, within
+from uwserver.adapter.framing import (
+    EncodingName,
+    Frames,
+    Lines,
+    TooLong,
+    Undecodable,
+    decode,
+    frame,
+    json_member,
+    line,
+    msgpack_member,
+)
 from uwserver.adapter.listening import (
     CannotListen,
     address_text,
@@ -51,7 +63,7 @@ from uwserver.adapter.listening import (
     serving,
 )
 from uwserver.adapter.log_file import LogFile
-from uwserver.adapter.peers import STRANGERS, Peer, Peers, host_of
+from uwserver.adapter.peers import STRANGERS, Peer, Peers, RateMeter, TurnTimes, host_of, within
 from uwserver.adapter.readings import (
     Reading,
     Readings,
@@ -61,13 +73,10 @@ from uwserver.adapter.readings import (
     vehicle_of,
     vehicles_of,
 )
-from uwserver.adapter.refusals import CannotServe, Refusals, did_you_mean
-from uwserver.adapter.salvage import json_member, msgpack_member
 from uwserver.adapter.serial_port import SerialPort
 from uwserver.adapter.threads import Inbox, InOrder, Worker
 from uwserver.adapter.turns import BackgroundWork, DatagramTurns, InputTurns
 from uwserver.adapter.values import SampleForm, in_pieces, raw_field
-from uwserver.adapter.world import VehicleFacts, WorldFacts
 from uwserver.modifiers.choosing import NOBODY, NOT_BEGUN, UNKNOWN, NotMet, choose
 from uwserver.ports.decimation import Decimation, Decimations
 from uwserver.ports.sample_batch import Origin, SampleBatch

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from uwserver.adapter.access import handshake_refusal
+from uwserver.adapter.base import Refusals
 from uwserver.adapter.listening import ANOTHER, cannot_listen
 from uwserver.adapter.peers import Peers, host_of
-from uwserver.adapter.refusals import Refusals
 
 BACKLOG = 256
 """Connections that may wait in the kernel to be accepted."""

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from uwserver.adapter.contract import AdapterContext, AdapterTable
-from uwserver.adapter.limits import RateMeter
 from uwserver.adapter.listening import CannotListen, is_loopback
+from uwserver.adapter.peers import RateMeter
 from uwserver.ports import Fault
 from uwserver.table import Name, Positive
 

@@ -13,8 +13,7 @@ from typing import Any, cast
 from uwserver.adapter.contract import AdapterStats
 from uwserver.adapter.conversation import Conversation
 from uwserver.adapter.foreign import REFUSALS, FirstBytes
-from uwserver.adapter.limits import RateMeter
-from uwserver.adapter.peers import Peers, host_of
+from uwserver.adapter.peers import Peers, RateMeter, host_of
 from uwserver.ports import Fault
 
 log = logging.getLogger(__name__)

@@ -10,8 +10,8 @@ import socket
 from collections.abc import Iterator, Sequence
 from typing import Literal
 
+from uwserver.adapter.base import CannotServe
 from uwserver.adapter.contract import AdapterContext, Subscriber
-from uwserver.adapter.refusals import CannotServe
 
 IN_USE = "is in use"
 """The words of `cannot_listen` for an address that another program has."""

@@ -9,7 +9,7 @@ import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Literal
 
-from uwserver.adapter.refusals import CannotServe
+from uwserver.adapter.base import CannotServe
 from uwserver.ports import Field, Port, Sample, Value
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Hashable, Iterator
 
 from uwserver.adapter import connection
 from uwserver.adapter.connection import TURN_S
-from uwserver.adapter.limits import TurnTimes
+from uwserver.adapter.peers import TurnTimes
 
 log = logging.getLogger(__name__)
 

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-from msgspec import Struct
 
 from uwserver.autopilot.arrays import AutopilotRow
 from uwserver.autopilot.status import StateSensor
@@ -21,11 +20,10 @@ from uwserver.frames import rotate
 from uwserver.ports import Call, Event, Field, Port, Refused, Sample
 from uwserver.ports.checks import bind
 from uwserver.recording.changes import BadChange, Setting, changed_record
-from uwserver.recording.channels import Column
+from uwserver.recording.channels import Column, SampleMessage
 from uwserver.recording.differences import Distance, Pairing
 from uwserver.recording.format import EVENTS, FORMAT, REQUESTS, Request, head_of, versions_here
-from uwserver.recording.opening import new_file
-from uwserver.recording.parts import ESTIMATED
+from uwserver.recording.parts import ESTIMATED, new_file
 from uwserver.recording.reading import NotReplayable, Reading
 from uwserver.recording.writer import RecordingWriter
 from uwserver.scenario.build.world import build
@@ -49,16 +47,6 @@ _COMPARED = (
 _PAIR_EVERY = 256
 _LATE_S = 2
 """If the first sample comes later than this, the estimator begins there."""
-
-
-class _SampleMessage(Struct):
-    """A message on the channel of a sensor."""
-
-    seq: int
-    t_ns: int
-    t_sent_ns: int
-    valid: bool
-    value: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -170,7 +158,7 @@ class _Estimation:
         kept = [each for each in (self._state, self._pose, self._velocity) if each in world.ports]
         self.written: dict[str, Port] = {each: world.ports[each] for each in kept} | {self.port.path: self.port}
         self.writer: RecordingWriter | None = None
-        self._decode = msgspec.json.Decoder(_SampleMessage).decode
+        self._decode = msgspec.json.Decoder(SampleMessage).decode
         self._tick, self._now_ns = -1, -1
         self._estimate: tuple[Any, ...] = ()
         self._attitude: tuple[int, tuple[float, ...]] | None = None
@@ -241,7 +229,7 @@ class _Estimation:
                 given = {name: value for name, value in call.args.items() if value is not None}
                 self._world.call(call.service, **given)
 
-    def _take(self, topic: str, message: _SampleMessage) -> None:
+    def _take(self, topic: str, message: SampleMessage) -> None:
         t_ns, value = message.t_ns, message.value
         # A delayed sample is sent between two ticks, and delivered in the second.
         tick = self._world.ticks.first_at(message.t_sent_ns)
@@ -285,7 +273,7 @@ class _Estimation:
             self._row.arrays.step(self._world.hydro.table, tick, now_ns)
         self._tick = max(self._tick, end)
 
-    def _compare(self, message: _SampleMessage) -> None:
+    def _compare(self, message: SampleMessage) -> None:
         """Add the recorded estimate, and the new one of the same time, to their comparisons with the truth."""
         if self.writer is not None:
             sample = Sample(self.port.path, self._seq, message.t_ns, message.t_sent_ns, True, self._estimate)

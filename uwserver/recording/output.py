@@ -13,8 +13,6 @@ from typing import IO
 from uwserver.ports import Event, Port, Sample
 from uwserver.ports.sample_batch import SampleBatch
 from uwserver.recording.format import Request, StateHash, metadata
-from uwserver.recording.foxglove import FoxgloveChannels
-from uwserver.recording.opening import new_file, there_already, unwritable
 from uwserver.recording.parts import (
     BEGINS,
     FIRST_PART,
@@ -24,10 +22,13 @@ from uwserver.recording.parts import (
     WITH_STATE,
     Rotation,
     later_parts,
+    new_file,
     part_path,
+    there_already,
+    unwritable,
 )
 from uwserver.recording.states import Presence, Seen
-from uwserver.recording.writer import RecordingWriter
+from uwserver.recording.writer import FoxgloveChannels, RecordingWriter
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.simulation.clock import Timing
 from uwserver.units import NANOSECONDS

@@ -1,9 +1,14 @@
-"""A recording in several files. Each can be read and replayed alone; the name of the first stands for all."""
+"""The files of a recording: how a new one is made, and how a recording is divided into several.
+
+Each part can be read and replayed alone; the name of the first stands for all.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
 
 from uwserver.logfiles.part_files import FIRST_PART, PART, RUN, later_parts, part_of, part_path
 
@@ -49,3 +54,29 @@ ONE_FILE = Rotation()
 def begins_with_state(record: Mapping[str, str]) -> bool:
     """Return whether the file of this metadata record begins with a state, because the run had begun before the file."""
     return part_of(record) > FIRST_PART or record.get(BEGINS) == WITH_STATE
+
+
+def new_file(path: Path) -> IO[bytes]:
+    """Make a file for a recording. An old file is never overwritten: it may be the only record of its run.
+
+    Raises:
+        OSError: the file exists already or cannot be written; the text names it and says what to do.
+    """
+    try:
+        return path.open("xb")
+    except FileExistsError:
+        raise there_already(path) from None
+    except OSError as error:
+        raise unwritable(path, error) from error
+
+
+def there_already(path: Path) -> FileExistsError:
+    """Return the error for a file that exists already."""
+    return FileExistsError(
+        f"cannot record to {path}: it exists already; give --record another name, or remove it first"
+    )
+
+
+def unwritable(path: Path, error: OSError) -> OSError:
+    """Return the error for a file that cannot be written."""
+    return OSError(f"cannot record to {path}: {error.strerror or error}; give --record a place that can be written")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import keyword
-from collections.abc import Callable, Iterable, Mapping
+import logging
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import IO, Any
 
@@ -11,15 +12,64 @@ import msgspec
 from msgspec import structs
 
 from uwserver import __version__
-from uwserver.adapter.foxglove import SCHEMAS, Foreign
-from uwserver.ports import Event, Port, Sample, SceneState
+from uwserver.adapter.foxglove import SCHEMAS, Foreign, SceneChannels
+from uwserver.ports import Event, Port, Sample, SceneState, WaterView
 from uwserver.ports.sample_batch import Origin, SampleBatch
+from uwserver.recording.channels import port_schema, schema_of
 from uwserver.recording.chunked_file import ChunkedFile
 from uwserver.recording.format import EVENTS, HASHES, METADATA, REQUESTS, Request, StateHash
-from uwserver.recording.foxglove import FoxgloveChannels
 from uwserver.recording.parts import STATE
-from uwserver.recording.schemas import port_schema, schema_of
 from uwserver.recording.states import ENCODING, ENTITY_LISTS, JUMPS, LAYOUT, STATES, Presence, Seen, state_message
+from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.scene.scenery import Scenery
+from uwserver.world.world import World
+
+log = logging.getLogger(__name__)
+
+
+class FoxgloveChannels:
+    """Makes the messages for other viewers. It runs on the recorder's thread, and reads only what is constant in the world.
+
+    An internal fault ends these channels, but not the recording.
+
+    Args:
+        world: as built.
+        resolved: the scenario from which it was built.
+    """
+
+    def __init__(self, world: World, resolved: Resolved) -> None:
+        self._water: WaterView | None = None
+        self._scenery = Scenery(resolved, world, self._newest_water)
+        self._channels = SceneChannels(self._scenery.meshes.data.__getitem__, self._scenery.model_files.__getitem__)
+        self._ended = False
+
+    def of(self, item: Presence | SceneState | Event | Sample, port: Port | None = None) -> Iterator[Foreign]:
+        """Yield the messages for the entities of the world, their poses, an event, or a sample of this port. Most ports have none."""
+        if self._ended:
+            return
+        try:
+            if isinstance(item, Sample):
+                if port is not None and (shown := self._channels.sample(port, item)) is not None:
+                    yield shown
+            elif isinstance(item, Presence):
+                self._water = item.water or self._water
+                yield self._channels.scene(self._scenery.scene(item.entities), item.t_ns)
+            elif isinstance(item, SceneState):
+                yield from self._channels.state(item)
+            else:
+                yield self._channels.event(item)
+        except Exception:  # channels that only other viewers need must not end the recording
+            self._ended = True
+            log.exception("an internal fault ended the channels for Foxglove; the recording itself continues")
+
+    def shows(self, port: Port) -> bool:
+        """Return whether samples of a port may have messages."""
+        return not self._ended and self._channels.shows(port)
+
+    def _newest_water(self) -> WaterView:
+        assert self._water is not None, "the first presence contains the water"
+        return self._water
+
 
 MAX_CHANNELS = 65_535
 """Largest number of channels; MCAP has 16 bits for their numbers."""
@@ -114,10 +164,7 @@ class RecordingWriter:
             "value": dict(zip([field.name for field in kind.port.fields], sample.value, strict=True)),
         }
         self._add(self._number(kind), sample.t_sent_ns, message, sample.t_ns, sample.seq)
-        if self._foxglove is not None:
-            shown = self._foxglove.of_sample(sample, ports[sample.port])
-            if shown is not None:
-                self._add_foreign(shown)
+        self._show(sample, ports[sample.port])
 
     def rows(self, batch: SampleBatch, ports: Mapping[str, Port]) -> None:
         """Write samples that come as rows, each on the channel of its port. Samples that contain only numbers are encoded in one go."""
@@ -203,10 +250,10 @@ class RecordingWriter:
         self._writer.add_message((self._states, 0, t_ns, t_ns), state_message(seen))
         self._show(seen.state)
 
-    def _show(self, item: Presence | SceneState | Event) -> None:
-        """Write an item for other viewers too."""
+    def _show(self, item: Presence | SceneState | Event | Sample, port: Port | None = None) -> None:
+        """Write an item for other viewers too; with a sample comes its port."""
         if self._foxglove is not None:
-            for message in self._foxglove.of(item):
+            for message in self._foxglove.of(item, port):
                 self._add_foreign(message)
 
     def _add_foreign(self, message: Foreign) -> None:

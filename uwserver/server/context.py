@@ -30,7 +30,7 @@ from uwserver.ports import (
 )
 from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.crossing import is_stop
-from uwserver.recording.player import Player
+from uwserver.recording.player.player import Player
 from uwserver.scenario.scene.scenery import Scenery
 from uwserver.server.profiling import PROFILE, Profiling
 from uwserver.server.recordings import SERVICES as RECORDING_SERVICES

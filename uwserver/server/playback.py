@@ -6,10 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from uwserver.ports import Json
-from uwserver.recording.player import Player
-from uwserver.recording.player_services import SERVICES, objection
-from uwserver.recording.player_track import Track
-from uwserver.recording.player_world import Range
+from uwserver.recording.player.player import Player
+from uwserver.recording.player.track import Track
+from uwserver.recording.player.world import SERVICES, Range, objection
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.scene.scenery import Scenery
 from uwserver.server.context import Hub

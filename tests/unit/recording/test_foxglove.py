@@ -10,9 +10,9 @@ import pytest
 from mcap.reader import make_reader
 from run_rig import recorded_run
 
-from uwserver.recording import foxglove
-from uwserver.recording.foxglove import FoxgloveChannels
+from uwserver.recording import writer as foxglove
 from uwserver.recording.replay import replay
+from uwserver.recording.writer import FoxgloveChannels
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario

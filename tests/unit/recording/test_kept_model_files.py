@@ -16,10 +16,9 @@ import numpy as np
 import pytest
 import zstandard
 
-from uwserver.recording import kept_model_files
-from uwserver.recording.format import head_of, metadata
-from uwserver.recording.kept_model_files import MODEL_FILES, pack_model_files, unpack_model_files
-from uwserver.recording.player_track import Track
+from uwserver.recording import format as format_module
+from uwserver.recording.format import MODEL_FILES, head_of, metadata, pack_model_files, unpack_model_files
+from uwserver.recording.player.track import Track
 from uwserver.recording.recorder import Recorder
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
@@ -103,7 +102,7 @@ def test_all_together_are_bounded_and_the_largest_is_left_out(
 ) -> None:
     large = glb("b" * 400)
     crate = replace(dressed.objects["crate"], looks=large)
-    monkeypatch.setattr(kept_model_files, "MOST_BYTES", len(glb("a")) + len(large) - 1)
+    monkeypatch.setattr(format_module, "MOST_MODEL_BYTES", len(glb("a")) + len(large) - 1)
     with caplog.at_level(logging.WARNING):
         kept = unpack_model_files(pack_model_files(replace(dressed, objects={"crate": crate})))
     assert kept == {"vehicles/rov": glb("a"), "static/post": glb("a")}
@@ -139,7 +138,7 @@ def test_a_record_that_is_none_is_told(record: dict[str, str]) -> None:
 
 def test_large_looks_cost_little_to_pack_and_to_read(monkeypatch: pytest.MonkeyPatch, dressed: Resolved) -> None:
     """As text that the interpreter itself need not make: some copies of them, not fifty times their size."""
-    monkeypatch.setattr(kept_model_files, "check_glb", lambda data: None)
+    monkeypatch.setattr(format_module, "check_glb", lambda data: None)
     large = np.random.default_rng(1).bytes(2 << 20)
     tracemalloc.start()
     try:

@@ -1,4 +1,4 @@
-"""The channels of a recording from which a run is shown again: who is there, and where. Also of uwserver.recording.scene_recorder."""
+"""The channels of a recording from which a run is shown again: who is there, and where. Also of uwserver.recording.recorder."""
 
 from __future__ import annotations
 

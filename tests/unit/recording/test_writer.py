@@ -12,7 +12,7 @@ from playback_rig import Dive, pool
 from uwserver.adapter import installed_adapters
 from uwserver.ports import Call
 from uwserver.recording.parts import Rotation
-from uwserver.recording.player_track import Track
+from uwserver.recording.player.track import Track
 from uwserver.recording.recorder import Recorder
 from uwserver.recording.states import ENTITY_LISTS, EntityListRecord
 from uwserver.scenario.build.world import build

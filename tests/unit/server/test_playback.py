@@ -10,8 +10,8 @@ import pytest
 from playback_rig import pool, recorded
 
 from uwserver.ports import Progress, Refused, Reply, SceneState
-from uwserver.recording.player_track import Track
-from uwserver.recording.player_world import Range
+from uwserver.recording.player.track import Track
+from uwserver.recording.player.world import Range
 from uwserver.scenario.build.world import build
 from uwserver.scenario.scene.scenery import Scenery
 from uwserver.server.context import Context

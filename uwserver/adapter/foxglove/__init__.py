@@ -5,6 +5,6 @@ its frame B (x forward, y right, z down) under its name. A sensor's frame has th
 """
 
 from uwserver.adapter.foxglove.channels import PICTURE, Foreign, SceneChannels, shown_as
-from uwserver.adapter.foxglove.schemas import SCHEMAS
+from uwserver.adapter.foxglove.codec import SCHEMAS
 
 __all__ = ["PICTURE", "SCHEMAS", "Foreign", "SceneChannels", "shown_as"]

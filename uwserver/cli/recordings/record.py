@@ -228,8 +228,7 @@ class Attached:
 
     def _begin(self, description: dict[str, Any], ports: dict[str, Port]) -> None:
         from uwserver.recording.format import FORMAT, versions_here
-        from uwserver.recording.opening import new_file
-        from uwserver.recording.parts import SERVED
+        from uwserver.recording.parts import SERVED, new_file
         from uwserver.recording.writer import RecordingWriter
 
         head = {

@@ -16,8 +16,8 @@ from uwserver.cli.serving.web_view import address_lines, open_page, with_token, 
 from uwserver.cli.terminal import FILE, LOG_LEVEL, SECONDS, styled, told
 
 if TYPE_CHECKING:
-    from uwserver.recording.player_track import Track
-    from uwserver.recording.player_world import Range
+    from uwserver.recording.player.track import Track
+    from uwserver.recording.player.world import Range
     from uwserver.simulation.clock import Timing
 
 log = logging.getLogger(__name__)
@@ -96,8 +96,8 @@ def play(
     Example: uwserver play dive.mcap --from 60 --speed 5 --open
     """
     from uwserver.logs import set_up_logging
-    from uwserver.recording.player_file import NotPlayable
-    from uwserver.recording.player_world import Range
+    from uwserver.recording.player.chunks import NotPlayable
+    from uwserver.recording.player.world import Range
     from uwserver.server.process import end_undisturbed
     from uwserver.simulation.clock import Timing
 
@@ -119,10 +119,10 @@ def play(
 
 def _opened(file: Path, names: dict[str, str], mapping: Path | None, place: Path) -> Track:
     """Open a recording of uwserver, or convert a log of another origin to one in the folder `place`."""
-    from uwserver.recording.player_file import NotOurs
-    from uwserver.recording.player_import import import_log
-    from uwserver.recording.player_served import import_served, is_served
-    from uwserver.recording.player_track import Track
+    from uwserver.recording.player.chunks import NotOurs
+    from uwserver.recording.player.importing import import_log
+    from uwserver.recording.player.served import import_served, is_served
+    from uwserver.recording.player.track import Track
 
     may_be_ours = mapping is None and file.is_file()
     try:

@@ -23,7 +23,7 @@ from uwserver.physics.geometry.shapes import (
     Sphere,
     TriangleMesh,
 )
-from uwserver.recording.report.columns import FloatArray
+from uwserver.recording.report.reading import FloatArray
 from uwserver.scenario.scene.scenery import SEABED_NAME
 
 PIXELS = 640

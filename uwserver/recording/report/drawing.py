@@ -11,8 +11,7 @@ import numpy as np
 
 from uwserver.recording.report.bathymetry import SeaFloor
 from uwserver.recording.report.contents import Contents
-from uwserver.recording.report.decimation import decimated
-from uwserver.recording.report.panels import Panel
+from uwserver.recording.report.panels import Panel, decimated
 
 _WIDTH_IN, _ROW_IN, _MAP_IN = 8.0, 1.7, 4.5
 _DPI = 110
@@ -96,14 +95,14 @@ def _panel(axis: Any, panel: Panel, contents: Contents) -> None:
             imread(BytesIO(p.png)), extent=(p.begin, p.end, p.low, p.high), aspect="auto", interpolation="nearest"
         )
     for number, table in enumerate(panel.tables):
-        less = decimated(table.t, np.stack([line.y for line in table.lines], axis=1))
+        t, columns = decimated(table.t, np.stack([line.y for line in table.lines], axis=1))
         if panel.band and number == len(panel.tables) - 1:
-            axis.fill_between(less.t, less.y[:, 1], less.y[:, 0], color="0.85", lw=0)
+            axis.fill_between(t, columns[:, 1], columns[:, 0], color="0.85", lw=0)
             continue
-        for line, y in zip(table.lines, less.y.T, strict=True):
+        for line, y in zip(table.lines, columns.T, strict=True):
             look = {"color": "0.5", "ls": "--"} if line.is_faint else {}
             style = {"drawstyle": "steps-post"} if line.is_stepped else {}
-            axis.plot(less.t, y, lw=0.8, label=_plain(line.label), **look, **style)
+            axis.plot(t, y, lw=0.8, label=_plain(line.label), **look, **style)
     for event in contents.events[:_MOST_EVENTS]:
         if event.event != "watchdog":
             axis.axvline(event.t_ns * 1e-9, color="C3" if event.event == "fault" else "0.4", lw=0.5, alpha=0.6)

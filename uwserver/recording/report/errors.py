@@ -18,8 +18,7 @@ from msgspec import UnsetType
 
 from uwserver.environment.column import WaterColumn, uniform_column
 from uwserver.environment.earth import EARTH_RATE, north_east
-from uwserver.recording.report.columns import FloatArray
-from uwserver.recording.report.reading import IntArray, Recorded, Series
+from uwserver.recording.report.reading import FloatArray, IntArray, Recorded, Series
 from uwserver.recording.report.truth import Mount, Truth, mount_of, rotations, small_angles
 from uwserver.scenario.world.tables import Environment
 from uwserver.sensors.motion.triad import HUMP

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwserver.recording.report.bathymetry import SeaFloor, png
-from uwserver.recording.report.columns import FloatArray
 from uwserver.recording.report.errors import BOUND, SensorError
-from uwserver.recording.report.reading import Recorded, Series
+from uwserver.recording.report.reading import FloatArray, IntArray, Recorded, Series
 from uwserver.recording.report.truth import Truth, euler, rotations
 from uwserver.units import deg
 
@@ -350,3 +349,39 @@ def _error(vehicle: str, error: SensorError) -> Panel:
     return Panel(
         vehicle, "Errors against the truth", title, error.unit, tuple(tables), band=error.sigma is not None, note=note
     )
+
+
+PIXELS = 900
+"""Width of a plot; twice as many points are kept."""
+
+
+def decimated(t: FloatArray, y: FloatArray, pixels: int = PIXELS) -> tuple[FloatArray, FloatArray]:
+    """Reduce samples y (n, k) at t (n, ascending) to at most two rows per pixel: the extremes of each column, in the order in which they came.
+
+    No peak is lost. A column without a number in a pixel has none there afterwards.
+
+    Returns:
+        Their times (m), s, never decreasing, and the samples (m, k).
+    """
+    if len(t) <= 2 * pixels:
+        return t, y
+    edges = np.linspace(t[0], t[-1], pixels + 1)[1:-1]
+    starts = np.concatenate([[0], np.searchsorted(t, edges)])
+    ends = np.append(starts[1:], len(t))
+    filled = ends > starts
+    starts, ends = starts[filled], ends[filled]
+    low = np.fmin.reduceat(y, starts, axis=0)
+    high = np.fmax.reduceat(y, starts, axis=0)
+    rising = _first_of(y, starts, ends, high) >= _first_of(y, starts, ends, low)
+    pair = np.stack([np.where(rising, low, high), np.where(rising, high, low)], axis=1)
+    middle = 0.5 * (t[starts] + t[ends - 1])
+    times = np.stack([t[starts], np.maximum(middle, t[starts])], axis=1)
+    return times.reshape(-1), pair.reshape(-1, y.shape[1])
+
+
+def _first_of(y: FloatArray, starts: IntArray, ends: IntArray, value: FloatArray) -> FloatArray:
+    """Return the index (pixels, k) at which each column first has this value in each pixel."""
+    pixel = np.repeat(np.arange(len(starts)), ends - starts)
+    number = np.arange(len(y), dtype=float)[:, None]
+    places = np.where(y == value[pixel], number, np.inf)
+    return np.minimum.reduceat(places, starts, axis=0)

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from uwserver.frames import matrix, quat_from_rpy
-from uwserver.recording.report.columns import FloatArray
-from uwserver.recording.report.reading import IntArray, Recorded
+from uwserver.recording.report.reading import FloatArray, IntArray, Recorded
 from uwserver.units import rad
 
 _TICK_S = 1e-6

@@ -1,4 +1,4 @@
-"""Foxglove's messages: byte for byte what the generated encoders of its own packages write. Also of uwserver.adapter.foxglove.protobuf."""
+"""Foxglove's messages: byte for byte what the generated encoders of its own packages write. Also of uwserver.adapter.foxglove.codec."""
 
 from __future__ import annotations
 

@@ -561,7 +561,7 @@ def test_who_floods_is_told_once_and_not_heard(caplog: pytest.LogCaptureFixture)
 
 
 def test_a_client_that_floods_waits_and_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("uwserver.adapter.limits.WINDOW_S", 0.05)
+    monkeypatch.setattr("uwserver.adapter.peers.WINDOW_S", 0.05)
 
     async def test(world: FakeContext, peer: Peer) -> None:
         for n in range(30):

@@ -18,8 +18,8 @@ from uwserver.cli.recordings.plot import plot
 from uwserver.cli.recordings.record import Attached, Failed, record
 from uwserver.ports import Field, Port
 from uwserver.recording.format import EVENTS
-from uwserver.recording.player_file import NotOurs
-from uwserver.recording.player_track import Track
+from uwserver.recording.player.chunks import NotOurs
+from uwserver.recording.player.track import Track
 from uwserver.recording.reading import NotReplayable, Reading, head_record
 from uwserver.recording.replay import replay
 from uwserver.recording.writer import RecordingWriter

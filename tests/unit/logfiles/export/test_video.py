@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -27,14 +28,10 @@ BACK = camera("rov/back", "uint8", (-1, -1))
 class Viewers:
     """What is written for other viewers: the same pictures in JPEG."""
 
-    def of(self, item: object) -> tuple[()]:
-        return ()
-
-    def of_sample(self, told: Sample, port: Any) -> Foreign | None:
-        if not told.valid or port is DEPTH:
-            return None
-        data = codec.compressed_image(told.t_ns, port.path, jpeg(told.value[1].array()))  # type: ignore[union-attr]  # a buffer
-        return Foreign(f"/{port.path}", "foxglove.CompressedImage", told.t_sent_ns, data)
+    def of(self, told: object, port: Any = None) -> Iterator[Foreign]:
+        if isinstance(told, Sample) and told.valid and port is not DEPTH:
+            data = codec.compressed_image(told.t_ns, port.path, jpeg(told.value[1].array()))  # type: ignore[union-attr]  # a buffer
+            yield Foreign(f"/{port.path}", "foxglove.CompressedImage", told.t_sent_ns, data)
 
 
 def recording(path: Path, samples: list[Sample]) -> Path:

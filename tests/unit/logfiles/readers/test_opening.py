@@ -15,8 +15,8 @@ from uwserver.logfiles import LogError, open_log
 from uwserver.logfiles.log import foreign
 from uwserver.logfiles.readers.opening import open_parts
 from uwserver.recording.parts import Rotation
-from uwserver.recording.player_import import import_log
-from uwserver.recording.player_track import Track
+from uwserver.recording.player.importing import import_log
+from uwserver.recording.player.track import Track
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry

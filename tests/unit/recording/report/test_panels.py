@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from uwserver.recording.report.columns import ACROSS
 from uwserver.recording.report.contents import Contents
-from uwserver.recording.report.panels import Panel, _unwrapped
-from uwserver.recording.report.reading import Recorded
+from uwserver.recording.report.panels import Panel, _unwrapped, decimated
+from uwserver.recording.report.reading import ACROSS, Recorded
 
 
 def panel(contents: Contents, title: str, vehicle: str = "rov") -> Panel:
@@ -119,3 +118,42 @@ def test_headings_go_through_north_without_a_jump() -> None:
     np.testing.assert_allclose(first, [350.0, 358.0, 365.0, np.nan, 372.0])
     second, _ = _unwrapped(np.array([-9.0, -1.0, 6.0]), start)
     np.testing.assert_allclose(second, [351.0, 359.0, 366.0])
+
+
+def test_few_stay_as_they_are() -> None:
+    t, y = np.arange(20.0), np.arange(40.0).reshape(20, 2)
+    less_t, less_y = decimated(t, y, 10)
+    assert less_t is t
+    assert less_y is y
+
+
+def test_every_peak_stays() -> None:
+    rng = np.random.default_rng(1)
+    t = np.sort(rng.uniform(0.0, 3600.0, 100_000))
+    y = rng.normal(size=(100_000, 3))
+    y[77_777, 1], y[5, 0], y[-1, 2] = 50.0, -40.0, 30.0
+    less_t, less_y = decimated(t, y, 500)
+    assert len(less_t) <= 1000
+    np.testing.assert_allclose(less_y.max(axis=0), y.max(axis=0))
+    np.testing.assert_allclose(less_y.min(axis=0), y.min(axis=0))
+    assert (np.diff(less_t) >= 0.0).all()
+    peak = less_t[int(np.argmax(less_y[:, 1]))]
+    assert abs(peak - t[77_777]) < 3600.0 / 500
+
+
+def test_the_order_of_the_extremes_is_theirs() -> None:
+    t = np.arange(1000.0)
+    _, less_y = decimated(t, np.stack([t, -t], axis=1), 10)
+    assert (np.diff(less_y[:, 0]) > 0.0).all()
+    assert (np.diff(less_y[:, 1]) < 0.0).all()
+
+
+def test_a_gap_stays_a_gap() -> None:
+    t = np.arange(10_000.0)
+    y = np.ones((10_000, 1))
+    y[4000:6000] = np.nan
+    less_t, less_y = decimated(t, y, 100)
+    hole = (less_t > 4200) & (less_t < 5800)
+    assert hole.any()
+    assert np.isnan(less_y[hole]).all()
+    assert np.isfinite(less_y[~((less_t > 3800) & (less_t < 6200))]).all()

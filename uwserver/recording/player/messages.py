@@ -1,14 +1,63 @@
-"""Converts the messages of a recording back into samples and events. Damaged messages are skipped and counted."""
+"""What playback reads from a recording: samples, events and scenes, and their places in the file and in time.
+
+Damaged messages are skipped and counted.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, Literal, NamedTuple
 
 import msgspec
 
-from uwserver.ports import Buffer, Event, Field, Port, Sample
-from uwserver.recording.player_file import Channel, McapMessage
+from uwserver.ports import Buffer, EntityList, Event, Field, Port, Sample, Service, WaterView
+from uwserver.recording.player.chunks import Channel, McapMessage
+from uwserver.recording.states import Body
+
+Type = Literal["sample", "event", "jump", "state"]
+
+
+class Place(NamedTuple):
+    """The place of a message: number of its chunk, and its index in the chunk."""
+
+    chunk: int
+    message: int
+
+
+class Run(NamedTuple):
+    """The recording between two jumps of time: the place where it begins, and its first and last time, ns."""
+
+    first: Place
+    from_ns: int
+    to_ns: int
+
+
+class Scene(NamedTuple):
+    """The bodies, ports, services and water from a time on; `jumps` is the number of the run."""
+
+    jumps: int
+    t_ns: int
+    entities: EntityList
+    bodies: tuple[Body, ...]
+    ports: Mapping[str, Port]
+    services: Mapping[str, Service]
+    water: WaterView
+
+
+class Mark(NamedTuple):
+    """An event on the time line, with the number of its run."""
+
+    run: int
+    event: Event
+
+
+class Item(NamedTuple):
+    """A message with the time at which it is played, ns, and its type."""
+
+    t_ns: int
+    type: Type
+    message: McapMessage
+
 
 _PLAYED_EVENTS: Final = ("conflict", "watchdog", "fault", "autopilot", "ports_changed")
 """Events that are played. Those about the clock and the server belong to the server that recorded them."""

@@ -10,8 +10,8 @@ import pytest
 from playback_rig import pool
 
 from uwserver.recording.format import FORMAT, METADATA, metadata
-from uwserver.recording.player_file import NotPlayable
-from uwserver.recording.player_head import played_head
+from uwserver.recording.player.chunks import NotPlayable
+from uwserver.recording.player.head import played_head
 from uwserver.simulation.clock import Timing
 
 

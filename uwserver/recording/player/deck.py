@@ -18,11 +18,10 @@ import numpy as np
 
 from uwserver.ports import EntityList, Event, OnReply, Refused, Reply, Sample, SceneState, WaterView
 from uwserver.ports.crossing import TickOutput
-from uwserver.recording.player_file import McapMessage, NotPlayable
-from uwserver.recording.player_items import Item
-from uwserver.recording.player_services import objection
-from uwserver.recording.player_track import Track
-from uwserver.recording.player_world import Range, members_of, world_of
+from uwserver.recording.player.chunks import McapMessage, NotPlayable
+from uwserver.recording.player.messages import Item
+from uwserver.recording.player.track import Track
+from uwserver.recording.player.world import Range, members_of, objection, world_of
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import Pace, Time, Timing
 from uwserver.simulation.lateness import Lateness
@@ -56,7 +55,7 @@ class Goal:
 
 
 class Deck:
-    """Plays a track on a bus. `uwserver.recording.player.Player` adds the services that control it.
+    """Plays a track on a bus. `uwserver.recording.player.player.Player` adds the services that control it.
 
     Args:
         track: the recording.

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from uwserver.recording.opening import new_file
+from uwserver.recording.parts import new_file
 
 
 def test_a_file_that_is_there_is_not_overwritten(tmp_path: Path):

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from uwserver.ports import Field
-from uwserver.recording.report.contents import Contents, Track, contents_of
+from uwserver.recording.report.contents import Contents, Track, contents_of, distance_run, missing_samples
 from uwserver.recording.report.reading import Recorded, Series
-from uwserver.recording.report.summary import distance_run, missing_samples
 
 
 def test_a_circle_is_as_long_as_its_way() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from uwserver.adapter import AdapterStats, Refusals, did_you_mean
-from uwserver.adapter.refusals import CAUSES, TELL_S, WORD_LIMIT
+from uwserver.adapter.base import CAUSES, TELL_S, WORD_LIMIT
 
 
 class Clock:

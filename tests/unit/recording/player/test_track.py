@@ -1,4 +1,4 @@
-"""A recording as a track: the same samples at the same times, from any instant, over jumps of time. Also of uwserver.recording.player_items."""
+"""A recording as a track: the same samples at the same times, from any instant, over jumps of time. Also of uwserver.recording.player.messages."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import pytest
 from playback_rig import Dive, recorded
 
 from uwserver.ports import Buffer, Field, Layout, Port, Sample
-from uwserver.recording import player_track
 from uwserver.recording import writer as writer_module
-from uwserver.recording.player_file import NotPlayable
-from uwserver.recording.player_messages import _decoder
-from uwserver.recording.player_track import Track
+from uwserver.recording.player import track as track_module
+from uwserver.recording.player.chunks import NotPlayable
+from uwserver.recording.player.messages import _decoder
+from uwserver.recording.player.track import Track
 
 
 @pytest.fixture(scope="module")
@@ -228,7 +228,7 @@ def test_a_port_of_the_same_name_with_other_fields_is_another(run: tuple[Path, D
 
 
 def test_events_of_a_flood_are_bounded(run: tuple[Path, Dive], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(player_track, "MOST_MARKS", 0)
+    monkeypatch.setattr(track_module, "MOST_MARKS", 0)
     track = Track(run[0])
     assert track.marks() == []
     track.close()

@@ -9,8 +9,7 @@ import msgspec
 
 from uwserver.recording.format import FORMAT, METADATA, Head, head_with
 from uwserver.recording.parts import SERVED
-from uwserver.recording.player_file import NotOurs, NotPlayable
-from uwserver.recording.player_parts import PartChunks
+from uwserver.recording.player.chunks import NotOurs, NotPlayable, PartChunks
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.tables import VehicleFile
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import msgspec
 
@@ -22,10 +22,11 @@ from uwserver.logfiles.rules import mapping_of
 from uwserver.ports import Event, Field, Port, Sample
 from uwserver.ports.buffer import unpacked
 from uwserver.ports.checks import check_values
+from uwserver.recording.channels import SampleMessage, Whole
 from uwserver.recording.format import EVENTS
 from uwserver.recording.parts import SERVED
-from uwserver.recording.player_file import NotPlayable
-from uwserver.recording.player_import import ImportedWorld, body_name, scenario_of, write_imported
+from uwserver.recording.player.chunks import NotPlayable
+from uwserver.recording.player.importing import ImportedWorld, body_name, scenario_of, write_imported
 from uwserver.recording.reading import NotReplayable, head_record
 from uwserver.recording.states import ServiceRecord
 from uwserver.world.external.track import PoseTrack
@@ -53,23 +54,10 @@ class _Description(msgspec.Struct):
     services: tuple[ServiceRecord, ...] = ()
 
 
-_Whole = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
-
-
-class _SampleMessage(msgspec.Struct):
-    """A message on the channel of a sensor."""
-
-    seq: _Whole
-    t_ns: _Whole
-    t_sent_ns: _Whole
-    valid: bool
-    value: dict[str, Any]
-
-
 class _BoundedEvent(Event, frozen=True):
     """An event whose time MCAP can store."""
 
-    t_ns: _Whole
+    t_ns: Whole
 
 
 def is_served(path: Path) -> bool:
@@ -143,7 +131,7 @@ def _items(log: Log, ports: Mapping[str, Port], damaged: Counter[str]) -> Iterat
 
 def _sample(port: Port, value: object) -> Sample:
     """Return the sample of a message. Raises ValueError when it is not a message of this port."""
-    message = msgspec.convert(value, _SampleMessage)
+    message = msgspec.convert(value, SampleMessage)
     entry = tuple(_entry(field, message.value.get(field.name)) for field in port.fields)
     given = [(field, value) for field, value in zip(port.fields, entry, strict=True) if value is not None]
     check_values([field for field, _ in given], [value for _, value in given])

@@ -29,7 +29,7 @@ from uwserver.logfiles.rules import mapping_of
 from uwserver.ports import EntityList, Event, Field, Port, Present, Sample, SceneState, Service
 from uwserver.recording.channels import message_of
 from uwserver.recording.format import metadata
-from uwserver.recording.player_file import NotPlayable
+from uwserver.recording.player.chunks import NotPlayable
 from uwserver.recording.states import STATES_HZ, Presence, Seen
 from uwserver.recording.writer import RecordingWriter
 from uwserver.scenario.load.resolved import Resolved

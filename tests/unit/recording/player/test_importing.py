@@ -11,10 +11,10 @@ import pytest
 
 from uwserver.logfiles import Datum, Log, open_log
 from uwserver.ports import Sample
-from uwserver.recording import player_import
-from uwserver.recording.player_file import NotPlayable
-from uwserver.recording.player_import import import_log
-from uwserver.recording.player_track import Track
+from uwserver.recording.player import importing
+from uwserver.recording.player.chunks import NotPlayable
+from uwserver.recording.player.importing import import_log
+from uwserver.recording.player.track import Track
 from uwserver.world.external.track import PoseTrack
 
 MAPPING = """
@@ -124,7 +124,7 @@ class Early:
 def test_a_log_that_begins_before_0_is_played_from_0(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(player_import, "open_parts", lambda path: Early(open_log(path)))
+    monkeypatch.setattr(importing, "open_parts", lambda path: Early(open_log(path)))
     import_log(log, None, tmp_path / "x.mcap")
     track = Track(tmp_path / "x.mcap")
     assert (track.runs[0].from_ns, track.runs[0].to_ns) == (0, 5_000_000_000)
@@ -140,7 +140,7 @@ def test_a_leap_of_years_has_states_only_where_poses_are() -> None:
     leap = 60 * 365 * 86400 * 10**9
     t_ns = np.array([0, 500_000_000, leap, leap + 10**9], dtype=np.int64)
     poses = PoseTrack(t_ns, np.zeros((4, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (4, 1)))
-    times = np.array(player_import._times({"rov": poses}, 0, leap + 10**9))
+    times = np.array(importing._times({"rov": poses}, 0, leap + 10**9))
     assert len(times) < 100
     assert (times[0], times[-1]) == (0, leap + 10**9)
     for begin, end in ((0, 500_000_000), (leap, leap + 10**9)):
@@ -149,9 +149,9 @@ def test_a_leap_of_years_has_states_only_where_poses_are() -> None:
 
 
 def test_dense_logs_of_many_days_get_fewer_states(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(player_import, "MOST_STATES", 1000)
+    monkeypatch.setattr(importing, "MOST_STATES", 1000)
     t_ns = np.arange(0, 1000 * 10**9, 10**8, dtype=np.int64)
     poses = PoseTrack(t_ns, np.zeros((len(t_ns), 3)), np.tile([1.0, 0.0, 0.0, 0.0], (len(t_ns), 1)))
-    times = player_import._times({"rov": poses}, 0, int(t_ns[-1]))
+    times = importing._times({"rov": poses}, 0, int(t_ns[-1]))
     assert 400 <= len(times) <= 1010
     assert (times[0], times[-1]) == (0, t_ns[-1])

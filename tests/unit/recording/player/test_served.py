@@ -14,9 +14,9 @@ from served_rig import LATER, PAUSE_NS, POSE, TOLD, dive, served
 
 from uwserver.ports import Buffer, Field, Port, Sample
 from uwserver.recording.format import EVENTS, METADATA
-from uwserver.recording.player_file import NotPlayable
-from uwserver.recording.player_served import import_served, is_served
-from uwserver.recording.player_track import Track
+from uwserver.recording.player.chunks import NotPlayable
+from uwserver.recording.player.served import import_served, is_served
+from uwserver.recording.player.track import Track
 
 
 def test_samples_ports_services_and_times_are_those_that_were_served(tmp_path: Path) -> None:

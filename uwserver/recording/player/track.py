@@ -18,11 +18,9 @@ import msgspec
 from uwserver.ports import EntityList, Port, Sample, SceneState, Service
 from uwserver.recording.format import EVENTS, METADATA
 from uwserver.recording.parts import begins_with_state
-from uwserver.recording.player_file import McapMessage, NotPlayable, renamed
-from uwserver.recording.player_head import played_head
-from uwserver.recording.player_items import Item, Mark, Place, Run, Scene
-from uwserver.recording.player_messages import ChannelReader
-from uwserver.recording.player_parts import PartChunks
+from uwserver.recording.player.chunks import McapMessage, NotPlayable, PartChunks, renamed
+from uwserver.recording.player.head import played_head
+from uwserver.recording.player.messages import ChannelReader, Item, Mark, Place, Run, Scene
 from uwserver.recording.states import ENTITY_LISTS, JUMPS, STATES, EntityListRecord, read_state, time_of_state
 
 T = TypeVar("T", Port, Service)

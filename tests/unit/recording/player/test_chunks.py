@@ -9,7 +9,7 @@ import pytest
 from mcap.writer import CompressionType, Writer
 
 from uwserver.logfiles.readers.mcap_records import MAGIC
-from uwserver.recording.player_file import Chunks, McapMessage, NotPlayable, renamed
+from uwserver.recording.player.chunks import Chunks, McapMessage, NotPlayable, renamed
 
 
 def write(

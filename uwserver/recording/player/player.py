@@ -7,10 +7,9 @@ from dataclasses import replace
 from typing import cast
 
 from uwserver.ports import Fault, Json, OnReply, Refused, Reply
-from uwserver.recording.player_deck import MAX_GOALS, Deck, Goal
-from uwserver.recording.player_file import NotPlayable
-from uwserver.recording.player_services import DEFAULT
-from uwserver.recording.player_world import Range
+from uwserver.recording.player.chunks import NotPlayable
+from uwserver.recording.player.deck import MAX_GOALS, Deck, Goal
+from uwserver.recording.player.world import DEFAULT, Range
 from uwserver.units import NANOSECONDS
 
 FASTEST = 0.0
@@ -23,7 +22,7 @@ class Player(Deck):
     def call(
         self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply, source: str = ""
     ) -> Callable[[], bool]:
-        """Call a service of `uwserver.recording.player_services.SERVICES`, as `uwserver.simulation.thread.Simulation.call`."""
+        """Call a service of `uwserver.recording.player.world.SERVICES`, as `uwserver.simulation.thread.Simulation.call`."""
         goals: list[Goal] = []
 
         def act() -> None:

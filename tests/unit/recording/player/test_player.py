@@ -1,4 +1,4 @@
-"""A player by hand: what it says on the bus, how it is steered, and where it ends. Also of uwserver.recording.player_deck."""
+"""A player by hand: what it says on the bus, how it is steered, and where it ends. Also of uwserver.recording.player.deck."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ from playback_rig import Deck, Dive, recorded
 
 from uwserver.ports import Call, Command, Progress, Reply, Sample, SceneState
 from uwserver.recording import writer as writer_module
-from uwserver.recording.player_file import Chunks, NotPlayable
-from uwserver.recording.player_services import SERVICES, objection
-from uwserver.recording.player_track import Track
-from uwserver.recording.player_world import Range
+from uwserver.recording.player.chunks import Chunks, NotPlayable
+from uwserver.recording.player.track import Track
+from uwserver.recording.player.world import SERVICES, Range, objection
 from uwserver.simulation.clock import Timing
 from uwserver.simulation.services import CLOCK_SERVICES
 

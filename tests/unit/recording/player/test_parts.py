@@ -9,9 +9,8 @@ import pytest
 from playback_rig import Deck, Dive, pool, recorded
 
 from uwserver.recording.parts import Rotation
-from uwserver.recording.player_file import NotPlayable
-from uwserver.recording.player_parts import PartChunks
-from uwserver.recording.player_track import Track
+from uwserver.recording.player.chunks import NotPlayable, PartChunks
+from uwserver.recording.player.track import Track
 
 
 def script(dive: Dive) -> None:
