@@ -45,16 +45,18 @@ from uwserver_adapters.yarp import bottle, names
 from uwserver_adapters.yarp import wire as yarp_wire
 from uwserver_adapters.yarp.config import YarpConfig
 
-from uwserver.adapter import accepting, bounds, connection, conversation, peers, refusals
+from uwserver.adapter import accepting, bounds, connection, conversation, peers
+from uwserver.world.faults.targets import refusals
 from uwserver.recording import reading, recorder
 from uwserver.scenario.files import documents, locate
 from uwserver.scenario.load import checks, scenario
 from uwserver.scenario.load.tables import Server
 from uwserver.scenario.solids import archive, assets, bathymetry, memory
 from uwserver.server import http, life_cycle, profiling, recordings, state_files
-from uwserver.simulation import bus, intake, thread, turns
+from uwserver.simulation import bus, intake, mailbox, thread
 from uwserver.units import NANOSECONDS
-from uwserver.world import saving, services, snapshot
+from uwserver.world import services
+from uwserver.world.state import saving, snapshot
 
 HEAD = """\
 # Limits
@@ -232,9 +234,13 @@ def _strangers() -> Iterator[Row]:
 
 
 def _world() -> Iterator[Row]:
-    waiting = f"{turns.MAX_WAITING} of a client, {turns.MAX_WAITING_OF_ALL} of all, but {turns.FREE_PLACES} of each"
+    waiting = (
+        f"{mailbox.MAX_WAITING} of a client, {mailbox.MAX_WAITING_OF_ALL} of all, but {mailbox.FREE_PLACES} of each"
+    )
     yield "commands and calls that wait for their tick", waiting, "`overload`"
-    size = f"{_bytes(turns.MAX_BYTES)} of a client, {_bytes(turns.MAX_BYTES_OF_ALL)} of all, but one request of each"
+    size = (
+        f"{_bytes(mailbox.MAX_BYTES)} of a client, {_bytes(mailbox.MAX_BYTES_OF_ALL)} of all, but one request of each"
+    )
     yield "their bytes; decoded lists and maps count four times", size, "`overload`"
     yield "steps and runs under way", str(thread.MAX_GOALS), "`overload`"
     yield "profiles at the same time", str(profiling.MAX_MEASUREMENTS), "`overload`"

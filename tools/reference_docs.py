@@ -39,7 +39,7 @@ from uwserver.scenario.vehicle.entry import Copies, VehicleEntry
 from uwserver.scenario.world import tables as world_tables
 from uwserver.sensors import SensorConfig
 from uwserver.server.context import LOOP_SERVICES
-from uwserver.simulation.services import CLOCK_SERVICES
+from uwserver.simulation.thread import CLOCK_SERVICES
 from uwserver.world.faults import FaultConfig
 
 ROOT = Path(__file__).parents[1]

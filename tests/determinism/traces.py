@@ -9,7 +9,8 @@ from typing import Any
 import msgspec
 
 from uwserver.ports import Buffer, Progress, Reply, Sample
-from uwserver.world import World, snapshot
+from uwserver.world import World
+from uwserver.world.state import snapshot
 
 STATE_EVERY = 100
 """Ticks between two state hashes."""

@@ -31,7 +31,8 @@ from uwserver.simulation.intake import Observer
 from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.thread import Simulation
 from uwserver.units import NANOSECONDS
-from uwserver.world import World, snapshot
+from uwserver.world import World
+from uwserver.world.state import snapshot
 
 PATIENCE_S = 600.0
 ODD = (1, 7, 2, 31, 5, 13, 1, 64, 3)

@@ -17,7 +17,7 @@ from dice import seed_of_the_day
 
 import uwserver
 from uwserver.ports import Refused
-from uwserver.world import snapshot
+from uwserver.world.state import snapshot
 from uwserver.world.world import Diverged, World
 
 MANY = pytest.mark.slow

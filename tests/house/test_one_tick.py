@@ -123,7 +123,7 @@ def test_ticks_are_made_by_the_step_alone() -> None:
         for what in ("tick", "many")
     }
     loading = {"uwserver.world.kernel_stages"}
-    assert importers["tick"] - loading == {"uwserver.world.stepping", "uwserver.step.many"}
+    assert importers["tick"] - loading == {"uwserver.world.stepping.stepping", "uwserver.step.many"}
     assert importers["many"] - loading == {"uwserver.copies.steps", "uwserver.copies.commands"}
     loops = [
         module.at(node.lineno, "a loop over ticks")

@@ -35,9 +35,10 @@ from uwserver.scenario.build.world import build
 from uwserver.sensors import IdealSensor
 from uwserver.simulation.clock import Timing
 from uwserver.testing import FakeContext
-from uwserver.world import snapshot
-from uwserver.world.components import ActuatorSlot, SensorStream
-from uwserver.world.sensor_slot import SensorSlot
+from uwserver.world.sensing.sensor_rows import SensorStream
+from uwserver.world.sensing.sensor_slot import SensorSlot
+from uwserver.world.state import snapshot
+from uwserver.world.stepping.commands import ActuatorSlot
 from uwserver.world.world import World
 
 PICTURE = Field("picture", "1", "what it saw", type="buffer", buffer=Layout("float32", (-1, 4)))

@@ -27,8 +27,8 @@ from uwserver.scenario.world.tables import WorldTable
 from uwserver.sensors import ImuConfig, PressureConfig
 from uwserver.simulation import bus as bus_module
 from uwserver.simulation.bus import Bus
+from uwserver.simulation.mailbox import Steering
 from uwserver.simulation.readers import Readers
-from uwserver.simulation.steering import Steering
 from uwserver.world import World
 
 LATE = 5

@@ -16,7 +16,7 @@ from uwserver.ports import Sample
 from uwserver.scenario.load.scenario import load
 from uwserver.sensors import TrainingConfig
 from uwserver.sensors.onboard.inspection import Follow, Inspect
-from uwserver.world import snapshot
+from uwserver.world.state import snapshot
 
 TICKS = 24
 """Between two looks of the pilot: 0.1 s."""

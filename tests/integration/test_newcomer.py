@@ -121,7 +121,7 @@ from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.scene.scenery import Scenery
 from uwserver.simulation.clock import Timing
-from uwserver.world.scene_probe import SceneProbe
+from uwserver.world.state.scene_probe import SceneProbe
 
 jet = {"kind": "jet", "position_frd_m": [0.0, 0.0, 0.0], "direction_frd": [0.0, 1.0, 0.0], "max_force_N": 40.0}
 tow = {"kind": "force_torque"}

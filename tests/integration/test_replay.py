@@ -267,7 +267,9 @@ def test_a_crowd_in_real_time_is_replayed_in_the_ticks_in_which_each_was_carried
 
 
 def test_a_world_that_diverged_is_replayed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("uwserver.world.commands.check_given", lambda *_: None)  # the port refuses such a speed
+    monkeypatch.setattr(
+        "uwserver.world.stepping.commands.check_given", lambda *_: None
+    )  # the port refuses such a speed
     rig = Rig(Timing("freerun", paused=True))
     with rig.recording(tmp_path / "run.mcap"):
         rig.clock("world/run_until", t_s=0.5)

@@ -26,7 +26,7 @@ from uwserver.simulation.clock import SystemTime, Timing
 from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.thread import Simulation
 from uwserver.testing.mock_time import MockTime
-from uwserver.world.scene_probe import SceneProbe
+from uwserver.world.state.scene_probe import SceneProbe
 
 
 @cache

@@ -18,13 +18,13 @@ from uwserver.physics.rays.raycast import OpenWater
 from uwserver.ports import Argument, Field, Port, Sample
 from uwserver.sensors import Sensor
 from uwserver.sensors.base import SEDIMENT, Settings
-from uwserver.world.components import SensorStream
-from uwserver.world.piloting import Pilots
-from uwserver.world.sensing import Sensing
-from uwserver.world.sensor_arrays import Around, SensorArrays
-from uwserver.world.sensor_slot import SensorSlot
-from uwserver.world.step_table import StepTable
-from uwserver.world.stepping import Stepping
+from uwserver.world.sensing.sensing import Sensing
+from uwserver.world.sensing.sensor_arrays import Around, SensorArrays
+from uwserver.world.sensing.sensor_rows import SensorStream
+from uwserver.world.sensing.sensor_slot import SensorSlot
+from uwserver.world.stepping.piloting import Pilots
+from uwserver.world.stepping.step_table import StepTable
+from uwserver.world.stepping.stepping import Stepping
 
 FIELDS = (Field("x", "m", "a number"),)
 WORDS = (*FIELDS, Field("said", "1", "a text", type="str"))

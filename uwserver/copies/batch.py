@@ -19,8 +19,8 @@ from uwserver.ports import Event, Json, Refused
 from uwserver.ports.checks import find
 from uwserver.step import rows
 from uwserver.step.streams import NEVER
-from uwserver.world.piloting import Piloting
-from uwserver.world.stepping import run_parts
+from uwserver.world.stepping.piloting import Piloting
+from uwserver.world.stepping.stepping import run_parts
 from uwserver.world.world import World
 
 T = TypeVar("T")

@@ -14,8 +14,8 @@ from uwserver.copies.copy import Copy, for_copies
 from uwserver.physics.kernel.arrays import FloatArray, IntArray, Records
 from uwserver.ports import Field, Port, Refused
 from uwserver.ports.checks import check_names, find
-from uwserver.world.components import ActuatorSlot
-from uwserver.world.piloting import Piloting
+from uwserver.world.stepping.commands import ActuatorSlot
+from uwserver.world.stepping.piloting import Piloting
 
 _NEVER = np.iinfo(np.int64).max
 

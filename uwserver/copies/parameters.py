@@ -15,7 +15,7 @@ from uwserver.ports import Refused
 from uwserver.ports.checks import suggestion
 from uwserver.sensors.compiled import CompiledSensor
 from uwserver.units import NANOSECONDS
-from uwserver.world.sensor_slot import SensorSlot
+from uwserver.world.sensing.sensor_slot import SensorSlot
 
 
 class Parameter(NamedTuple):

@@ -19,7 +19,7 @@ from uwserver.physics.kernel.arrays import IntArray, Records
 from uwserver.physics.kernel.team import cores
 from uwserver.ports import Refused
 from uwserver.step import rows
-from uwserver.world.stepping import QUIET
+from uwserver.world.stepping.stepping import QUIET
 
 
 class Steps:

@@ -30,8 +30,8 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.files.convert import More
 from uwserver.scenario.files.errors import suggestion
 from uwserver.units import NANOSECONDS
-from uwserver.world import snapshot
-from uwserver.world.piloting import Piloting
+from uwserver.world.state import snapshot
+from uwserver.world.stepping.piloting import Piloting
 from uwserver.world.world import World
 
 _FIELDS = (

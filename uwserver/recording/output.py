@@ -32,8 +32,8 @@ from uwserver.recording.writer import FoxgloveChannels, RecordingWriter
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.simulation.clock import Timing
 from uwserver.units import NANOSECONDS
-from uwserver.world import snapshot
-from uwserver.world.snapshot import Snapshot
+from uwserver.world.state import snapshot
+from uwserver.world.state.snapshot import Snapshot
 from uwserver.world.world import World
 
 log = logging.getLogger(__name__)

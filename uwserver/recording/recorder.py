@@ -33,8 +33,8 @@ from uwserver.simulation.intake import BEGIN
 from uwserver.simulation.thread import Simulation
 from uwserver.units import NANOSECONDS
 from uwserver.world import snapshot
-from uwserver.world.scene_probe import SceneProbe
-from uwserver.world.snapshot import Snapshot
+from uwserver.world.state.scene_probe import SceneProbe
+from uwserver.world.state.snapshot import Snapshot
 from uwserver.world.world import World
 
 log = logging.getLogger(__name__)

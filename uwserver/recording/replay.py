@@ -29,9 +29,9 @@ from uwserver.scenario.files.convert import NO_MORE, More
 from uwserver.scenario.load.extensions import extension_kinds
 from uwserver.simulation.clock import Timing
 from uwserver.units import NANOSECONDS
-from uwserver.world import snapshot
-from uwserver.world.saving import in_one_piece
-from uwserver.world.ticks import Ticks
+from uwserver.world.state import snapshot
+from uwserver.world.state.saving import in_one_piece
+from uwserver.world.stepping.step_table import Ticks
 from uwserver.world.world import Diverged, World
 
 __all__ = ["Difference", "NotReplayable", "Replayed", "replay"]

@@ -39,9 +39,8 @@ from uwserver.server.state_files import StateFiles
 from uwserver.server.without_truth import DriverWithoutTruth, WithoutTruth
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.mailbox import Mailbox, client_of
-from uwserver.simulation.services import CLOCK_SERVICES
-from uwserver.simulation.thread import Simulation
-from uwserver.world.saving import LOAD, SAVE
+from uwserver.simulation.thread import CLOCK_SERVICES, Simulation
+from uwserver.world.state.saving import LOAD, SAVE
 
 PROTOCOL_VERSION = 1
 CLOCK = {service.path: service for service in CLOCK_SERVICES}

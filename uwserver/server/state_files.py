@@ -18,9 +18,9 @@ from uwserver.ports import Call, Json, OnReply, Refused, Reply
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.thread import Simulation
-from uwserver.world import snapshot
-from uwserver.world.saving import in_one_piece
-from uwserver.world.snapshot import MAX_BYTES, Snapshot
+from uwserver.world.state import snapshot
+from uwserver.world.state.saving import in_one_piece
+from uwserver.world.state.snapshot import MAX_BYTES, Snapshot
 
 try:
     import fcntl

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from uwserver.ports import Json
 from uwserver.server.context import Hub
-from uwserver.simulation.lateness import BUCKETS_S, Lateness
+from uwserver.simulation.clock import BUCKETS_S, Lateness
 from uwserver.units import NANOSECONDS
 
 if TYPE_CHECKING:

@@ -1,25 +1,29 @@
 """Carries the output of ticks from the simulation thread to the asyncio loop, with one wake-up of the loop for each tick. Everything that
-both threads share is immutable."""
+both threads share is immutable.
+
+Besides the bus, this module has what readers get from it: the subscriptions of all of them together, and the newest sample of each port.
+"""
 
 from __future__ import annotations
 
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Protocol
+from operator import attrgetter
+from typing import Any, Protocol, TypeVar
 
 from uwserver.ports import Event, OnReply, Port, Progress, Reply, Sample
 from uwserver.ports.crossing import TickOutput, has_same_fields
-from uwserver.ports.decimation import EVERY_SAMPLE
-from uwserver.ports.sample_batch import SampleBatch
+from uwserver.ports.decimation import EVERY_SAMPLE, Decimation, Decimations
+from uwserver.ports.sample_batch import SampleBatch, SampleLog
 from uwserver.simulation.clock import SystemTime, Time
-from uwserver.simulation.newest import Newest
-from uwserver.simulation.subscriptions import Subscriptions, merged, merged_decimations, subscribes_any
 from uwserver.units import NANOSECONDS
 
 log = logging.getLogger(__name__)
+
+T = TypeVar("T")
 
 MAX_TICKS = 1024
 """Most ticks whose samples wait for the loop. If there are more, old samples are dropped and counted; replies and events never are."""
@@ -317,3 +321,108 @@ def call_safely(call: Callable[[], None]) -> None:
 
 def _is_in(path: str, paths: Collection[str] | None) -> bool:
     return paths is None or path in paths
+
+
+class Subscriptions:
+    """The ports of which samples are made: those that a reader subscribes to, and those that the readers do not know of yet.
+
+    So no sample of a new body is lost while readers hear of its ports. Never changed, as the simulation thread reads it.
+
+    Attributes:
+        known: all ports that the readers know of.
+        jumps: how often the time was set, as far as the readers know.
+        decimations: ports of which not all samples are needed; valid while ports and times are those that the readers know of.
+    """
+
+    def __init__(
+        self, paths: Collection[str], known: Container[str], jumps: int = 0, decimations: Decimations = EVERY_SAMPLE
+    ) -> None:
+        """Take the paths that readers subscribe to."""
+        self._paths, self.known, self.jumps, self.decimations = paths, known, jumps, decimations
+
+    def __contains__(self, path: object) -> bool:
+        return path in self._paths or path not in self.known
+
+
+def merged(readers: Sequence[object]) -> frozenset[str] | None:
+    """Return the paths that readers subscribe to; None for all, as a reader without `subscriptions` reads all."""
+    subscriptions = [_subscriptions_of(reader) for reader in readers]
+    some = [paths for paths in subscriptions if paths is not None]
+    return frozenset().union(*some) if len(some) == len(subscriptions) else None
+
+
+def subscribes_any(reader: object) -> bool:
+    """Return whether a reader subscribes to any samples."""
+    return _subscriptions_of(reader) != frozenset()
+
+
+def merged_decimations(readers: Sequence[object], paths: Collection[str]) -> Decimations:
+    """Return the ports of which no reader needs all samples, with their decimations."""
+    decimations: dict[str, frozenset[Decimation]] = {}
+    whole: set[str] = set()
+    for reader in readers:
+        subscriptions, less = (
+            _subscriptions_of(reader) or frozenset(),
+            _attribute(reader, "decimations", dict[str, Collection[Decimation]]) or EVERY_SAMPLE,
+        )
+        whole |= subscriptions - less.keys()
+        for path in subscriptions & less.keys():
+            decimations[path] = decimations.get(path, frozenset()).union(less[path])
+    return {path: some for path, some in decimations.items() if some and path in paths and path not in whole}
+
+
+def _subscriptions_of(reader: object) -> frozenset[str] | None:
+    return _attribute(reader, "subscriptions", frozenset[str])
+
+
+def _attribute(reader: object, name: str, kind: Callable[[Any], T]) -> T | None:
+    """Return an attribute of a reader as another kind of collection; None if it has none, or if it cannot be read."""
+    try:
+        value = getattr(reader, name, None)
+        return None if value is None else kind(value)
+    except Exception:  # A fault of one reader must not reach the others.
+        log.exception('"%s" of a reader cannot be read: it gets all samples', name)
+        return None
+
+
+class Newest(Mapping[str, Sample]):
+    """The newest samples by path of the port."""
+
+    def __init__(self) -> None:
+        self._places: dict[str, Sample | SampleBatch] = {}
+        self._log: SampleLog | None = None
+
+    def put(self, samples: Sequence[Sample]) -> None:
+        """Take samples that were delivered, in this order."""
+        if isinstance(samples, SampleBatch):
+            if samples.log is not self._log:
+                self._leave(samples.log)
+            self._places.update(dict.fromkeys(samples.ports, samples))
+        else:
+            self._places.update(zip(map(attrgetter("port"), samples), samples, strict=True))
+
+    def _leave(self, log: SampleLog) -> None:
+        """Begin to use another log. Samples that are still the newest from the log before the last one are copied, so that they do not keep
+        that log alive."""
+        for path, place in self._places.items():
+            if isinstance(place, SampleBatch) and place.log is not self._log:
+                self._places[path] = place.newest(path)
+        self._log = log
+
+    def keep(self, holds: Callable[[str], bool]) -> None:
+        """Forget the samples of ports for which `holds` returns false."""
+        self._places = {path: place for path, place in self._places.items() if holds(path)}
+
+    def clear(self) -> None:
+        """Forget all samples."""
+        self._places.clear()
+
+    def __getitem__(self, path: str) -> Sample:
+        place = self._places[path]
+        return place.newest(path) if isinstance(place, SampleBatch) else place
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from uwserver.ports import OnReply, Progress, Refused, Reply
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import Time
-from uwserver.simulation.steering import Steering
+from uwserver.simulation.mailbox import Steering
 from uwserver.units import NANOSECONDS
 from uwserver.world.world import World
 

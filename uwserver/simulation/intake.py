@@ -9,7 +9,7 @@ from typing import Protocol, TypeVar
 from uwserver.ports import Call, Command
 from uwserver.ports.crossing import Posted
 from uwserver.simulation.clock import Time
-from uwserver.simulation.fair_queue import FairQueue
+from uwserver.simulation.mailbox import FairQueue
 from uwserver.units import NANOSECONDS
 from uwserver.world.world import World
 

@@ -10,10 +10,9 @@ import numpy as np
 
 from uwserver.ports import EntityList, Refused, Sample, SceneState
 from uwserver.ports.decimation import EVERY_SAMPLE
-from uwserver.simulation.bus import Bus
-from uwserver.simulation.steering import Steering
-from uwserver.simulation.subscriptions import Subscriptions
-from uwserver.world.scene_probe import SceneProbe
+from uwserver.simulation.bus import Bus, Subscriptions
+from uwserver.simulation.mailbox import Steering
+from uwserver.world.state.scene_probe import SceneProbe
 from uwserver.world.world import World
 
 log = logging.getLogger(__name__)

@@ -1,4 +1,4 @@
-"""The simulation thread: a world, its clock, and the services that control time."""
+"""The simulation thread: a world, its clock, and the services that control time. It carries them out between two ticks."""
 
 from __future__ import annotations
 
@@ -10,21 +10,48 @@ from functools import partial
 from typing import Literal
 
 from uwserver.logs import place_of
-from uwserver.ports import Call, Event, Json, OnReply, Progress, Refused, Reply
+from uwserver.ports import Argument, Call, Event, Json, OnReply, Progress, Refused, Reply, Service
 from uwserver.ports.crossing import PAUSE, Posted, TickOutput
 from uwserver.simulation.bus import MAX_TICKS, Bus
-from uwserver.simulation.clock import Pace, Time, Timing
+from uwserver.simulation.clock import Lateness, Pace, Time, Timing
 from uwserver.simulation.goal import Goal, Goals
 from uwserver.simulation.intake import BEGIN, Intake, Observer
-from uwserver.simulation.lateness import Lateness
 from uwserver.simulation.lockstep import Lockstep
-from uwserver.simulation.mailbox import Mailbox
+from uwserver.simulation.mailbox import Mailbox, Steering
 from uwserver.simulation.readers import Readers
-from uwserver.simulation.steering import Steering
 from uwserver.units import NANOSECONDS
 from uwserver.world.profile import Profile, untimed
-from uwserver.world.saving import in_one_piece
+from uwserver.world.state.saving import in_one_piece
 from uwserver.world.world import Diverged, World
+
+CLOCK_SERVICES = (
+    Service("world/pause", "Stop time. Calls are still answered."),
+    Service("world/resume", "Let time run on."),
+    Service(
+        "world/step",
+        "Paused: run n ticks as fast as possible, then reply. Lockstep: grant n ticks for this client, reply when they are done.",
+        (Argument("n", "int", "ticks", required=False, default=1, minimum=1, maximum=1e9),),
+        long_running=True,
+    ),
+    Service(
+        "world/run_until",
+        "Reply in the first tick whose time is t_s or later (or 1 ns earlier, for floats); a paused world runs until then and is paused again.",
+        (Argument("t_s", "float", "simulation time", "s", minimum=0.0, maximum=1e9),),
+        long_running=True,
+    ),
+    Service(
+        "world/run_until_tick",
+        "Reply when the world stands at this tick; a paused world runs until then and is paused again.",
+        (Argument("tick", "int", "number of the tick", minimum=0, maximum=1e15),),
+        long_running=True,
+    ),
+    Service(
+        "world/set_speed",
+        "Simulated seconds per second of the wall clock (mode realtime).",
+        (Argument("speed", "float", "speed factor", minimum=1e-3, maximum=1000.0),),
+    ),
+)
+
 
 log = logging.getLogger(__name__)
 
@@ -100,7 +127,7 @@ class Simulation:
     def call(
         self, service: str, args: Mapping[str, Json], client: str, on_reply: OnReply, source: str = ""
     ) -> Callable[[], bool]:
-        """Start a service of the clock (`uwserver.simulation.services`) with checked arguments.
+        """Start a service of the clock (`uwserver.simulation.thread`) with checked arguments.
 
         Args:
             service, args: the request.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from uwserver.world.state import snapshot
 from uwserver.world.world import Diverged, World
 
-__all__ = ["Diverged", "World"]
+__all__ = ["Diverged", "World", "snapshot"]

@@ -9,10 +9,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from enum import IntEnum
 from functools import cache
-from typing import Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
-from msgspec import Struct, msgpack
+from msgspec import Meta, Struct, msgpack
 
 from uwserver.ports import Json, Sample, Service
 from uwserver.ports.crossing import Later
@@ -20,6 +20,9 @@ from uwserver.world.profile import Timer, kind_of, untimed
 
 Carry = Callable[[Mapping[str, Json]], Json | Later]
 """The function of a service. It runs at the start of a tick. A long-running service returns a `Later` and answers later."""
+
+Count = Annotated[int, Meta(ge=0, le=2**62)]
+"""The limits of numbers in a state from outside. Larger numbers could not be counted up or encoded."""
 
 
 class Stage(IntEnum):

@@ -15,11 +15,11 @@ import msgspec
 from uwserver.actuators.base import LONGEST_TIMEOUT_S
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.ports.checks import shown
-from uwserver.world import snapshot
-from uwserver.world.components import ActuatorSlot
 from uwserver.world.part import Carry
-from uwserver.world.sensor_slot import SensorSlot
-from uwserver.world.snapshot import Snapshot
+from uwserver.world.sensing.sensor_slot import SensorSlot
+from uwserver.world.state import snapshot
+from uwserver.world.state.snapshot import Snapshot
+from uwserver.world.stepping.commands import ActuatorSlot
 from uwserver.world.world import World
 
 SENSOR_SERVICES = ("activate", "deactivate", "get", "set")

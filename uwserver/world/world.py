@@ -17,31 +17,53 @@ from uwserver.ports.crossing import Answers, Posted, TickOutput
 from uwserver.ports.decimation import EVERY_SAMPLE, Decimations
 from uwserver.sensors.base import BOTTOM, SEDIMENT
 from uwserver.sensors.others import Sight
-from uwserver.world.bodies_and_water import Bodies, WaterPart
-from uwserver.world.commands import Commands
-from uwserver.world.components import ActuatorSlot, SensorStream
-from uwserver.world.diverged import Diverged, report
+from uwserver.units import NANOSECONDS
+from uwserver.world.bodies.bodies_and_water import Bodies, WaterPart
+from uwserver.world.bodies.members import Member, Population, place_solids
+from uwserver.world.bodies.vehicle import Vehicle
 from uwserver.world.in_process import InProcess
-from uwserver.world.members import Member, Population, place_solids
 from uwserver.world.part import Carry, Part, is_awake, schedule_of
-from uwserver.world.piloting import Pilots
 from uwserver.world.profile import Profile, Timer, untimed
-from uwserver.world.requests import Requests
-from uwserver.world.sensing import Sensing
-from uwserver.world.sensor_arrays import Around, SensorArrays
-from uwserver.world.sensor_slot import SensorSlot
-from uwserver.world.step_table import StepTable
-from uwserver.world.stepping import Stepping, run_parts
-from uwserver.world.threads import Threads
-from uwserver.world.ticks import Ticks
-from uwserver.world.vehicle import Vehicle
+from uwserver.world.sensing.sensing import Sensing
+from uwserver.world.sensing.sensor_arrays import Around, SensorArrays
+from uwserver.world.sensing.sensor_rows import SensorStream
+from uwserver.world.sensing.sensor_slot import SensorSlot
+from uwserver.world.stepping.commands import ActuatorSlot, Commands
+from uwserver.world.stepping.piloting import Pilots
+from uwserver.world.stepping.requests import Requests
+from uwserver.world.stepping.step_table import StepTable, Ticks
+from uwserver.world.stepping.stepping import Stepping, run_parts
+from uwserver.world.stepping.threads import Threads
 
 if TYPE_CHECKING:
     from uwserver.physics.scene import Scene
 
+
 __all__ = ["Diverged", "World"]
 
 _OPEN_WATER = OpenWater()
+
+
+class Diverged(Exception):
+    """The state of a body is not finite, or absurdly fast. The text names the body, the tick and the last commands.
+
+    Attributes:
+        output: replies to the requests that were carried out at the start of the tick, and samples of earlier ticks that were made in the
+            same call.
+    """
+
+    def __init__(self, text: str, output: TickOutput) -> None:
+        super().__init__(text)
+        self.output = output
+
+
+def _report(tick: int, t_ns: int, vehicle: Vehicle | None, commands: Commands) -> str:
+    """Return the text of the error. `vehicle` is None if the body has been taken out of the world."""
+    if vehicle is None:
+        return f"a body that is no longer there diverged in tick {tick}"
+    t = t_ns / NANOSECONDS
+    line = f'body "{vehicle.name}" diverged in tick {tick} (t = {t:.6f} s): p_NB = {vehicle.p_NB}, nu = {vehicle.nu}'
+    return "\n".join([line, *commands.newest(vehicle.name)])
 
 
 class World(InProcess):
@@ -331,7 +353,7 @@ class World(InProcess):
         output.tick, output.t_ns, output.ports, output.jumps = self._tick, self.t_ns, self.ports, self.jumps
         if diverged >= 0:
             lost = next((vehicle for vehicle in self.vehicles.values() if vehicle.row == diverged), None)
-            raise Diverged(report(self._tick, self.t_ns, lost, self._commands), output)
+            raise Diverged(_report(self._tick, self.t_ns, lost, self._commands), output)
 
     def flush(self, more: Iterable[Posted] = ()) -> TickOutput:
         """Carry out the posted requests before a tick, and begin and end the faults that are due then: for a paused world, which must still

@@ -20,7 +20,7 @@ from uwserver.physics.kernel.layout import NU, Q
 from uwserver.scenario.solids.bathymetry import Grid, triangulate
 from uwserver.simulation.clock import SystemTime
 from uwserver.units import STANDARD_ATMOSPHERE_PA
-from uwserver.world import snapshot
+from uwserver.world.state import snapshot
 from uwserver.world.world import World
 from uwserver_bench.engine.physics import COMMAND_EVERY, DEPTH_M, RATE_HZ, OpenWater
 from uwserver_bench.report import Row

@@ -27,8 +27,8 @@ from uwserver.scenario.load.scenario import load
 from uwserver.sensors import IdealSensor, Scope
 from uwserver.server.life_cycle import Options, Server
 from uwserver.simulation.clock import SystemTime
-from uwserver.world.components import SensorStream
-from uwserver.world.sensor_slot import SensorSlot
+from uwserver.world.sensing.sensor_rows import SensorStream
+from uwserver.world.sensing.sensor_slot import SensorSlot
 
 if TYPE_CHECKING:
     from uwserver.world.world import World

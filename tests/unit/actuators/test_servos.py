@@ -14,7 +14,7 @@ from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.scenario.vehicle.wageningen import b4_70
 from uwserver.sensors.truth import Truth
-from uwserver.world.snapshot import restore, take
+from uwserver.world.state.snapshot import restore, take
 
 SERVOS = ("fins.rudder", "fins.elevator", "propellers.main", "ballasts.buoyancy_engine", "moving_masses.battery")
 

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from uwserver.adapter import AdapterStats, Connection, Conversation, Lines, Peers, Refusals, connection, limits, peers
+from uwserver.adapter import AdapterStats, Connection, Conversation, Lines, Peers, Refusals, connection, peers
+from uwserver.adapter import limits
 from uwserver.testing import FakeContext, Loopback
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from uwserver.adapter import AdapterStats, Peers, RateMeter, Refusals, host_of, limits
+from uwserver.adapter import AdapterStats, Peers, RateMeter, Refusals, host_of
+from uwserver.adapter import limits
 from uwserver.adapter.peers import TurnTimes
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from uwserver.ports import Refused
-from uwserver.world import snapshot
+from uwserver.world.state import snapshot
 
 PAGE = Path(__file__).parents[3] / "docs/how-to/autopilot.md"
 LOW, TOE = 40.0, 0.0

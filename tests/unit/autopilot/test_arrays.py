@@ -20,7 +20,7 @@ from uwserver.autopilot.state import NAN, NOWHERE, Estimate, Memory, Orders
 from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.load.scenario import load
-from uwserver.world.piloting import Piloting
+from uwserver.world.stepping.piloting import Piloting
 
 STARTS = {
     "rov": ("bluerov2_heavy", (0.0, 0.0, 3.0)),

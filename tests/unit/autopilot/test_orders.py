@@ -15,7 +15,7 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
-from uwserver.world import snapshot
+from uwserver.world.state import snapshot
 
 HELD = "is held by the autopilot while it is armed: call v/autopilot/disarm first, or steer by v/autopilot/pilot"
 

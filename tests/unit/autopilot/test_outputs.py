@@ -7,7 +7,7 @@ import pytest
 from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.load.scenario import load
-from uwserver.world import snapshot
+from uwserver.world.state import snapshot
 
 
 def test_outputs_are_the_commands_as_parts_of_full_ones(fly):

@@ -19,7 +19,7 @@ from uwserver.copies import steps
 from uwserver.copies.steps import LEAST_COPIES, MOST_THREADS, Ranges, threads_for
 from uwserver.ports import Refused
 from uwserver.scenario.builder import ScenarioBuilder
-from uwserver.world.sensor_arrays import SensorArrays
+from uwserver.world.sensing.sensor_arrays import SensorArrays
 
 N = 7
 DIFFERING = {

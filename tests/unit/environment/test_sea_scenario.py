@@ -15,7 +15,7 @@ from uwserver.scenario.load.tables import Scenario, Server
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.scenario.world.tables import Current, Environment
 from uwserver.sensors import MotionCaptureConfig, PressureConfig
-from uwserver.world import snapshot
+from uwserver.world.state import snapshot
 
 ROUGH = Environment(
     current=Current(velocity_ned_mps=(0.1, 0.0, 0.0)),

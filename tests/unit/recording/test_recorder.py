@@ -37,7 +37,7 @@ from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import SystemTime
 from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.thread import Simulation, Timing
-from uwserver.world.snapshot import take
+from uwserver.world.state.snapshot import take
 
 WAIT_S = 30.0
 SAMPLE = Sample("rov/depth", 2**32 + 7, 10, 20, True, (1.5, None))

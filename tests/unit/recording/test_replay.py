@@ -21,7 +21,8 @@ from uwserver.recording.writer import RecordingWriter
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.simulation.clock import Timing
-from uwserver.world import sensing, snapshot
+from uwserver.world.sensing import sensing
+from uwserver.world.state import snapshot
 
 PUSH = Command("rov/thrusters", ((0.5,) * 8,), "me")
 SEED = 5

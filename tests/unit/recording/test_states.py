@@ -31,7 +31,7 @@ from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import SystemTime, Timing
 from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.thread import Simulation
-from uwserver.world.scene_probe import SceneProbe
+from uwserver.world.state.scene_probe import SceneProbe
 
 ENTITIES = EntityList(3, (Present("rov", "rov"),), (Present("crate", "crate"),))
 STATE = SceneState(ENTITIES, 5, np.arange(14.0).reshape(2, 7) + 0.1, np.array([-127, 0, 9], np.int8), (0.1, 0.2, 0.3))

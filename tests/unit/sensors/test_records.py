@@ -26,7 +26,7 @@ from uwserver.sensors.acoustic.positioning.interrogation import Beacon, Exchange
 from uwserver.sensors.job import PendingMeasurement
 from uwserver.sensors.onboard.battery import BatteryMemory
 from uwserver.world import World
-from uwserver.world.sensor_slot import SensorSlot
+from uwserver.world.sensing.sensor_slot import SensorSlot
 
 FIELDS = (Field("s", "m", "a scalar"), Field("x", "m", "a vector", "S", (3,)), Field("ok", "1", "a flag", type="bool"))
 KEYS: dict[str, dict[str, Any]] = {

@@ -21,7 +21,7 @@ from uwserver.sensors.voices import (
     find_bursts_at_once,
     period,
 )
-from uwserver.world import snapshot
+from uwserver.world.state import snapshot
 
 HZ = 240
 VEHICLE = """

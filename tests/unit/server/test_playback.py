@@ -21,7 +21,7 @@ from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import Timing
 from uwserver.simulation.mailbox import Mailbox
 from uwserver.testing.mock_time import MockTime
-from uwserver.world.scene_probe import SceneProbe
+from uwserver.world.state.scene_probe import SceneProbe
 from uwserver.world.world import World
 
 

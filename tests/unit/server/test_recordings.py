@@ -489,7 +489,7 @@ def test_a_state_that_cannot_be_written_leaves_no_file_and_no_recording(
 
     async def script(client: Client) -> None:
         with monkeypatch.context() as patch:
-            patch.setattr("uwserver.world.snapshot.to_bytes", too_large)
+            patch.setattr("uwserver.world.state.snapshot.to_bytes", too_large)
             with pytest.raises(Refused, match="too many bytes"):
                 await client.ask("recording/start", name="run")
         assert list(folder.iterdir()) == []
@@ -546,7 +546,7 @@ def test_a_fault_of_ours_as_it_begins_leaves_no_file_and_nobody_who_follows(
 
     async def script(client: Client) -> None:
         with monkeypatch.context() as patch:
-            patch.setattr("uwserver.world.snapshot.to_bytes", fails)
+            patch.setattr("uwserver.world.state.snapshot.to_bytes", fails)
             with pytest.raises(Refused, match="internal fault: oh"):
                 await client.ask("recording/start", name="run")
         assert list(folder.iterdir()) == []

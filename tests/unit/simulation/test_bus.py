@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import logging
+import weakref
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from lock_rig import Keeper
@@ -11,11 +14,10 @@ from unit.ports.test_sample_batch import SAMPLES, batch, full
 
 from uwserver.ports import Buffer, Call, Command, Event, Field, Port, Progress, Refused, Reply, Sample
 from uwserver.ports.crossing import TickOutput
-from uwserver.ports.decimation import Decimation
+from uwserver.ports.decimation import EVERY_SAMPLE, Decimation
 from uwserver.ports.sample_batch import SampleBatch
-from uwserver.simulation.bus import MAX_TICKS, Bus
-from uwserver.simulation.fair_queue import MAX_WAITING
-from uwserver.simulation.mailbox import Mailbox
+from uwserver.simulation.bus import MAX_TICKS, Bus, Newest, Subscriptions, merged, merged_decimations
+from uwserver.simulation.mailbox import MAX_WAITING, Mailbox
 from uwserver.testing import MockTime
 
 
@@ -571,3 +573,84 @@ def test_where_others_read_too_it_is_tick_by_tick():
         bus.publish(output)
     bus.dispatch()
     assert rows.seen[2:] == [(2, [7, 2])]
+
+
+def test_the_newest_counts_made_or_not():
+    newest = Newest()
+    newest.put([Sample("rov/imu", 6, 90, 90, True, ((0.0, 0.0, 0.0), 1)), Sample("rov/depth", 1, 90, 90, True, (1.0,))])
+    newest.put(batch())
+    assert dict(newest) == {
+        "rov/imu": SAMPLES[2], "rov/state": SAMPLES[1], "rov/depth": Sample("rov/depth", 1, 90, 90, True, (1.0,)),
+    }  # fmt: skip
+    last = Sample("rov/imu", 9, 120, 120, True, ((0.0, 0.0, 0.0), 1))
+    newest.put([SAMPLES[0], last])
+    assert newest["rov/imu"] == last
+    assert newest.get("rov/gps") is None
+
+
+def test_what_is_not_kept_is_forgotten():
+    newest = Newest()
+    newest.put(batch())
+    newest.keep(lambda path: path == "rov/state")
+    assert list(newest) == ["rov/state"]
+    assert len(newest) == 1
+    newest.clear()
+    assert "rov/state" not in newest
+
+
+def test_a_slow_port_does_not_keep_all_that_was_told_with_its_newest():
+    newest, origins = Newest(), batch().origins
+    logs = [full() for _ in range(3)]
+    kept = [weakref.ref(log.entries) for log in logs]
+    newest.put(batch(logs[0]))
+    for log in logs[1:]:
+        newest.put(SampleBatch(origins, log, 2, 3))  # one port alone goes on
+    del log
+    logs.clear()
+    assert newest["rov/state"] == SAMPLES[1]
+    assert newest["rov/imu"] == SAMPLES[0]
+    assert [array() is None for array in kept] == [True, True, False]
+
+
+SLOW, SLOWER = Decimation(10.0, 0), Decimation(1.0, 5)
+
+
+def reader(*subscriptions: str, **decimations: tuple[Decimation, ...]) -> Any:
+    return SimpleNamespace(subscriptions=subscriptions, decimations=decimations)
+
+
+def test_who_says_nothing_wants_all() -> None:
+    assert merged([reader("a"), object()]) is None
+    assert merged([reader("a"), reader("b", "a")]) == {"a", "b"}
+    assert merged([]) == frozenset()
+
+
+def test_what_one_wants_whole_is_not_decimated_and_of_others_all_count() -> None:
+    readers = [reader("a", "b", "c", a=(SLOW,), b=(SLOW,), c=(SLOW,)), reader("b", "c", c=(SLOW, SLOWER))]
+    assert merged_decimations(readers, {"a", "b", "c"}) == {"a": {SLOW}, "c": {SLOW, SLOWER}}
+
+
+def test_what_nobody_wants_is_not_told_of() -> None:
+    assert merged_decimations([reader("a", a=(SLOW,), z=(SLOW,))], {"a"}) == {"a": {SLOW}}
+    assert merged_decimations([reader("a", "b", a=())], {"a", "b"}) == {}, "without any, all are needed"
+
+
+def test_one_that_cannot_tell_gets_all(caplog: pytest.LogCaptureFixture) -> None:
+    class Broken:
+        subscriptions = ("a", "b")
+
+        @property
+        def decimations(self) -> Any:
+            raise ValueError("broken")
+
+    assert merged_decimations([Broken(), reader("a", "c", a=(SLOW,), c=(SLOW,))], {"a", "b", "c"}) == {"c": {SLOW}}
+    assert "it gets all" in caplog.text
+    assert {record.levelno for record in caplog.records} == {logging.ERROR}
+
+
+def test_ports_that_readers_have_not_heard_of_are_wanted() -> None:
+    subscriptions = Subscriptions({"a"}, {"a", "b"})
+    assert "a" in subscriptions
+    assert "b" not in subscriptions
+    assert "new" in subscriptions
+    assert (subscriptions.jumps, subscriptions.decimations) == (0, EVERY_SAMPLE)

@@ -14,7 +14,7 @@ from uwserver.simulation.clock import Timing
 from uwserver.simulation.mailbox import Mailbox
 from uwserver.simulation.thread import Simulation
 from uwserver.testing import MockTime
-from uwserver.world import snapshot
+from uwserver.world.state import snapshot
 from uwserver.world.world import World
 
 REALTIME = Timing()

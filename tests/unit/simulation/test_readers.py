@@ -17,8 +17,8 @@ from uwserver.scenario.load.resolved import Resolved
 from uwserver.simulation import readers as module
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import Timing
-from uwserver.world import sensing
-from uwserver.world.scene_probe import SceneProbe
+from uwserver.world.sensing import sensing
+from uwserver.world.state.scene_probe import SceneProbe
 
 TICKS = 48
 

@@ -20,10 +20,9 @@ from uwserver.ports import Call, Command, Progress, Refused, Reply
 from uwserver.ports.checks import checked_args
 from uwserver.scenario.build.world import build
 from uwserver.simulation.clock import Timing
-from uwserver.simulation.services import CLOCK_SERVICES
-from uwserver.simulation.thread import MAX_GOALS
-from uwserver.world import snapshot
-from uwserver.world.saving import in_one_piece
+from uwserver.simulation.thread import CLOCK_SERVICES, MAX_GOALS
+from uwserver.world.state import snapshot
+from uwserver.world.state.saving import in_one_piece
 
 
 def test_step_runs_exactly_n_ticks_and_pauses(resolved):

@@ -9,7 +9,7 @@ import pytest
 
 from uwserver.ports import Argument, Sample, Service
 from uwserver.world.part import Part, RandomStream, Stage, State
-from uwserver.world.snapshot import restore, take
+from uwserver.world.state.snapshot import restore, take
 from uwserver.world.world import World
 
 

@@ -7,8 +7,10 @@ import pytest
 
 import uwserver
 from uwserver.ports import Call, Command, Refused, Reply
+from uwserver.ports.crossing import TickOutput
 from uwserver.units import NANOSECONDS
 from uwserver.world import Diverged
+from uwserver.world.world import _report
 
 AHEAD = (-0.5, -0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0)
 
@@ -119,7 +121,7 @@ def test_many_vehicles_do_not_disturb_each_other(make_world):
 def test_a_command_in_the_same_process_is_checked_once(world, monkeypatch):
     """The world asks for the very fields that the actuator has; also those of a watchdog that was set anew."""
     again = []
-    monkeypatch.setattr("uwserver.world.commands.check_given", lambda *args: again.append(args))
+    monkeypatch.setattr("uwserver.world.stepping.commands.check_given", lambda *args: again.append(args))
     for port in [path for path, port in world.ports.items() if port.direction == "actuator"]:
         world.call(f"{port}/set", timeout_s=7 / 240)
     world.command("rov/thrusters", u=[0.0] * 8)
@@ -141,3 +143,17 @@ def test_what_rays_meet_is_made_before_a_run_that_the_clock_paces(monkeypatch):
     hits = world.geometry.raycast(np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 0.0, 1.0]]), 100.0)
     assert hits.body[0] >= 0
     assert made == []
+
+
+def test_the_report_names_body_tick_and_commands():
+    world = uwserver.load("bluerov2_pool")
+    world.command("bluerov2/wrench", force_B=[1, 2, 3])
+    world.step()
+    world.hydro.state[world.vehicles["bluerov2"].row, 0] = float("nan")
+    with pytest.raises(Diverged) as caught:
+        world.step()
+    text = str(caught.value)
+    assert text.startswith('body "bluerov2" diverged in tick ')
+    assert "bluerov2/wrench" in text
+    assert isinstance(caught.value.output, TickOutput)
+    assert _report(7, 0, None, world._commands) == "a body that is no longer there diverged in tick 7"

@@ -23,14 +23,12 @@ from uwserver.recording.player.messages import Item
 from uwserver.recording.player.track import Track
 from uwserver.recording.player.world import Range, members_of, objection, world_of
 from uwserver.simulation.bus import Bus
-from uwserver.simulation.clock import Pace, Time, Timing
-from uwserver.simulation.lateness import Lateness
+from uwserver.simulation.clock import Lateness, Pace, Time, Timing
 from uwserver.simulation.lockstep import GATHER_S, Lockstep
-from uwserver.simulation.mailbox import Mailbox
+from uwserver.simulation.mailbox import Mailbox, Steering
 from uwserver.simulation.readers import OnSamples, OnState
-from uwserver.simulation.steering import Steering
 from uwserver.units import NANOSECONDS
-from uwserver.world.ticks import Ticks
+from uwserver.world.stepping.step_table import Ticks
 
 log = logging.getLogger(__name__)
 

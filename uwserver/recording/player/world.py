@@ -9,9 +9,9 @@ from fractions import Fraction
 from uwserver.ports import Argument, Fault, Port, Service
 from uwserver.recording.player.messages import Scene
 from uwserver.recording.player.track import Track
-from uwserver.simulation.services import CLOCK_SERVICES
+from uwserver.simulation.thread import CLOCK_SERVICES
 from uwserver.units import NANOSECONDS
-from uwserver.world.components import ActuatorSlot
+from uwserver.world.stepping.commands import ActuatorSlot
 
 
 @dataclass(frozen=True)

@@ -35,10 +35,11 @@ from uwserver.scenario.load.resolved import ResolvedVehicle
 from uwserver.scenario.vehicle.checks import commanded_tables
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import Pose, SensorConfig
-from uwserver.world.components import ActuatorSlot, SensorStream
 from uwserver.world.part import Carry
-from uwserver.world.piloting import Piloting
-from uwserver.world.sensor_slot import SensorSlot
+from uwserver.world.sensing.sensor_rows import SensorStream
+from uwserver.world.sensing.sensor_slot import SensorSlot
+from uwserver.world.stepping.commands import ActuatorSlot
+from uwserver.world.stepping.piloting import Piloting
 from uwserver.world.world import World
 
 RATE_HZ, STATE_RATE_HZ = 60, 10

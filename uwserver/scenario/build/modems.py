@@ -10,11 +10,11 @@ from uwserver.scenario.load.resolved import Resolved
 from uwserver.sensors import ModemTable
 from uwserver.sensors.modem import Modem
 from uwserver.units import NANOSECONDS
-from uwserver.world.components import ActuatorSlot
 from uwserver.world.modems.medium import Medium
 from uwserver.world.modems.send import Send
 from uwserver.world.part import Carry
-from uwserver.world.sensor_slot import SensorSlot
+from uwserver.world.sensing.sensor_slot import SensorSlot
+from uwserver.world.stepping.commands import ActuatorSlot
 from uwserver.world.world import World
 
 

@@ -30,8 +30,8 @@ from uwserver.scenario.vehicle.body import params_by_name
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import Pose
 from uwserver.units import rad
+from uwserver.world.bodies.members import Member, Population
 from uwserver.world.external.body import External, led_params
-from uwserver.world.members import Member, Population
 from uwserver.world.part import State
 from uwserver.world.world import World
 

@@ -20,7 +20,7 @@ from uwserver.sensors.optical.camera.lamps import LampAt
 from uwserver.sensors.optical.camera.visible import SceneCache, VisibleThing
 from uwserver.sensors.others import Sight
 from uwserver.units import rad
-from uwserver.world.members import Member
+from uwserver.world.bodies.members import Member
 from uwserver.world.world import World
 
 log = logging.getLogger(__name__)

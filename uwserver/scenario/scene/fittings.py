@@ -18,7 +18,7 @@ from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import Pose, SensorTable
 from uwserver.sensors.traits import Sigma
 from uwserver.units import rad
-from uwserver.world.scene_probe import full_thrust
+from uwserver.world.state.scene_probe import full_thrust
 
 
 def actuator_views(name: str, resolved: ResolvedVehicle, params: BodyParams) -> tuple[ActuatorView, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from uwserver.world.faults.hull import Hull
 from uwserver.world.faults.table import (
     BuoyancyChange,
     FaultConfig,
@@ -14,7 +13,7 @@ from uwserver.world.faults.table import (
     ThrusterStuck,
     ThrusterWeak,
 )
-from uwserver.world.faults.targets import Targets, effects, refusals
+from uwserver.world.faults.targets import Hull, Targets, effects, refusals
 from uwserver.world.faults.timeline import Entry, Faults
 
 __all__ = [

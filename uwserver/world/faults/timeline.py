@@ -13,7 +13,7 @@ from uwserver.physics.kernel.layout import FREE, STUCK, STUCK_AT
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.ports.checks import shown
 from uwserver.table import with_shared_defaults
-from uwserver.world.faults.hull import Hull, HullFault, damaged
+from uwserver.world.bodies.vehicle import Vehicle
 from uwserver.world.faults.table import (
     FaultConfig,
     SensorFrozen,
@@ -23,9 +23,8 @@ from uwserver.world.faults.table import (
     ThrusterTable,
     ThrusterWeak,
 )  # fmt: skip
-from uwserver.world.faults.targets import Targets, refusals
+from uwserver.world.faults.targets import Hull, HullFault, Targets, damaged, refusals
 from uwserver.world.part import Carry, Part, Stage, State
-from uwserver.world.vehicle import Vehicle
 from uwserver.world.world import World
 
 MAX_FAULTS = 256

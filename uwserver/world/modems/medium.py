@@ -10,23 +10,65 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from msgspec import structs
 
+from uwserver.frames import Quat, Vec3, multiply, rotate
 from uwserver.ports import Sample
 from uwserver.ports.crossing import Later
-from uwserver.sensors.base import Scope
+from uwserver.sensors.base import Scope, earlier
 from uwserver.sensors.modem import Crossing, Modem
 from uwserver.sensors.modem_memory import MOST_SEEN, ModemReport, Outgoing, Waiting
 from uwserver.units import NANOSECONDS
-from uwserver.world.modems.hearing import drawn, report_of, why_lost
-from uwserver.world.modems.node import Node, nodes_of
+from uwserver.world.bodies.vehicle import Vehicle
+from uwserver.world.modems.hearing import Fading, drawn, is_hidden, report_of, why_lost
 from uwserver.world.modems.packets import COMING, MOST_LEGS, MOST_PACKETS, PAST, THERE, Leg, MediumState, Packet
-from uwserver.world.modems.ranging import Ranging
-from uwserver.world.modems.ways import Fading, is_hidden
+from uwserver.world.modems.send import Ranging
 from uwserver.world.part import Part, Stage
+from uwserver.world.sensing.sensor_slot import SensorSlot
 from uwserver.world.world import World
+
+
+class Node(NamedTuple):
+    """One modem.
+
+    Attributes:
+        path: of the port at which it reports what it hears.
+        slot: of that port.
+        modem: its sensor.
+        vehicle: carries it.
+    """
+
+    path: str
+    slot: SensorSlot
+    modem: Modem
+    vehicle: Vehicle
+
+    def pose(self, ago: float = 0.0) -> tuple[Vec3, Quat]:
+        """Return p_NS (m) and q_NS, now or `ago` seconds before."""
+        p, q = self.vehicle.p_NB, self.vehicle.q_NB
+        if ago:
+            p, q = earlier(p, q, self.vehicle.nu, ago)
+        mount = self.modem.mount
+        dx, dy, dz = rotate(q, mount.p)
+        return (p[0] + dx, p[1] + dy, p[2] + dz), multiply(q, mount.q)
+
+    def velocity(self) -> Vec3:
+        """Return v_NS, m/s."""
+        vehicle, (rx, ry, rz) = self.vehicle, self.modem.mount.p
+        vx, vy, vz, wx, wy, wz = vehicle.nu
+        return rotate(vehicle.q_NB, (vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx))
+
+
+def nodes_of(sensors: Mapping[str, SensorSlot], vehicles: Mapping[str, Vehicle]) -> dict[str, Node]:
+    """Return all modems of a world, by path."""
+    return {
+        path: Node(path, slot, slot.sensor, vehicles[path.partition("/")[0]])
+        for path, slot in sensors.items()
+        if isinstance(slot.sensor, Modem)
+    }
+
 
 _CLOSING = 0.02
 """Sender and receiver approach each other with at most this fraction of the speed of the signal. If they are faster, an arrival is noticed

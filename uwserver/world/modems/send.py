@@ -1,12 +1,13 @@
-"""The port of a modem that takes messages."""
+"""The port of a modem that takes messages, and the calls that wait for the distance of another modem."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from uwserver.ports import Buffer, Fault, Field, Items
+from uwserver.ports import Buffer, ErrorCode, Fault, Field, Items, Json
+from uwserver.ports.crossing import Answers, Later
 from uwserver.sensors.modem import Modem, ModemTable
-from uwserver.sensors.modem_memory import MOST_QUEUE
+from uwserver.sensors.modem_memory import MOST_QUEUE, ModemReport
 
 Submit = Callable[[int, bytes, bool], None]
 """Sends a message: address, payload, and whether an answer is wanted."""
@@ -103,3 +104,58 @@ def _nobody(table: ModemTable, destination: int) -> str:
     if not table.addressed:
         return "is a model without addresses, which sends to all: leave destination out"
     return f"has addresses up to {table.highest_address}, and {table.broadcast_address} for all: no modem can have the address {destination}"
+
+
+class Ranging:
+    """Answers a call when the answer of the other modem has come, or can no longer come."""
+
+    def __init__(self, answers: Answers, now: Callable[[], tuple[int, int]]) -> None:
+        """Begin without calls.
+
+        Args:
+            answers: takes the replies.
+            now: gives the tick and the simulation time (ns).
+        """
+        self._answers, self._now = answers, now
+        self._asked: dict[int, tuple[str, Later]] = {}
+
+    def wait(self, message: int, path: str) -> Later:
+        """Return a call that waits for the answer to a message of the modem with this port."""
+        later = Later(self._answers)
+        self._asked[message] = path, later
+        return later
+
+    def answered(self, message: int, told: ModemReport, travel: float) -> None:
+        """Answer the call that waits for a message; do nothing if no call does.
+
+        Args:
+            message: id of the message.
+            told: what the modem reports about the answer.
+            travel: travel time there and back, s.
+        """
+        result: Json = {
+            "destination": told.destination,
+            "range": told.range,
+            "travel_time": travel,
+            "snr": told.snr,
+            "bearing": told.bearing,
+            "elevation": told.elevation,
+            "relative_speed": told.speed,
+            "t_s": told.begin,
+        }
+        self._finish(message, result, None)
+
+    def lost(self, message: int, text: str) -> None:
+        """End the call that waits for a message, as no answer came in time."""
+        self._finish(message, None, ("timeout", text))
+
+    def end(self, why: str, path: str | None = None) -> None:
+        """End all calls that wait for messages of the modem with this port, or of any modem."""
+        for message in [message for message, (of, _) in self._asked.items() if path in (None, of)]:
+            self._finish(message, None, ("preempted", why))
+
+    def _finish(self, message: int, result: Json, fault: tuple[ErrorCode, str] | None) -> None:
+        path, later = self._asked.pop(message, ("", None))
+        if later is not None:
+            where = path.removesuffix("received") + "range"
+            later.finish(*self._now(), result, None if fault is None else Fault(*fault, where))

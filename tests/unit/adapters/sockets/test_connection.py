@@ -12,7 +12,8 @@ from uwserver_adapters.native.codec import FRAME_LIMIT, LINE_LIMIT
 from uwserver_adapters.native.outbox import REPLIES
 from uwserver_adapters.sockets.connection import TRIES
 
-from uwserver.adapter import LOCKOUT_S, STRANGER_LIMIT, WRONG_TOKENS, connection, limits
+from uwserver.adapter import LOCKOUT_S, STRANGER_LIMIT, WRONG_TOKENS, connection
+from uwserver.adapter import limits
 from uwserver.ports import Event
 from uwserver.testing import sample_of
 from uwserver.testing.fake_context import DEPTH, IMU

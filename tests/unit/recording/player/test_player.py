@@ -17,7 +17,7 @@ from uwserver.recording.player.chunks import Chunks, NotPlayable
 from uwserver.recording.player.track import Track
 from uwserver.recording.player.world import SERVICES, Range, objection
 from uwserver.simulation.clock import Timing
-from uwserver.simulation.services import CLOCK_SERVICES
+from uwserver.simulation.thread import CLOCK_SERVICES
 
 
 @pytest.fixture(scope="module")

@@ -18,9 +18,10 @@ from uwserver.scenario.vehicle.entry import COLOURS, Copies, VehicleEntry
 from uwserver.sensors.acoustic.altimeter import AltimeterConfig
 from uwserver.sensors.truth import Truth
 from uwserver.simulation.clock import Timing
-from uwserver.world import World, snapshot
+from uwserver.world import World
 from uwserver.world.external.body import is_nowhere
-from uwserver.world.scene_probe import SceneProbe
+from uwserver.world.state import snapshot
+from uwserver.world.state.scene_probe import SceneProbe
 
 
 def external(**keys) -> VehicleEntry:

@@ -14,7 +14,8 @@ from uwserver.scenario.load.tables import Scenario, Server
 from uwserver.scenario.solids.tables import BoxObject, FlatSeabed
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors.truth import Truth
-from uwserver.world import World, snapshot
+from uwserver.world import World
+from uwserver.world.state import snapshot
 
 
 def world_of(**tables: object) -> World:

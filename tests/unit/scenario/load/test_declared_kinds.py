@@ -23,7 +23,7 @@ from uwserver.scenario.scene.fittings import sensor_views
 from uwserver.sensors import Pose
 from uwserver.sensors.compiled import CompiledSensor, loops_of
 from uwserver.world.kernel_stages import kernels_of
-from uwserver.world.piloting import Piloting
+from uwserver.world.stepping.piloting import Piloting
 
 SCENARIO = """
 schema = 1

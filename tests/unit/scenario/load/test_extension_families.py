@@ -14,7 +14,7 @@ from uwserver.recording.replay import NotReplayable, replay
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
-from uwserver.world import snapshot
+from uwserver.world.state import snapshot
 from uwserver.world.world import World
 
 

@@ -24,7 +24,7 @@ from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.scene.scenery import Scenery
 from uwserver.scenario.solids.appearance import COATS, MATERIALS
-from uwserver.world.scene_probe import SceneProbe
+from uwserver.world.state.scene_probe import SceneProbe
 
 SHIPPED = sorted(path.stem for path in (Path(__file__).parents[4] / "scenarios" / "uwserver_scenarios").glob("*.toml"))
 

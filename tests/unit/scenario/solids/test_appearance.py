@@ -19,7 +19,7 @@ from uwserver.scenario.load.scenario import load
 from uwserver.scenario.scene.scenery import Scenery
 from uwserver.scenario.solids import appearance
 from uwserver.scenario.solids.appearance import check_glb, read_model_file
-from uwserver.world.scene_probe import SceneProbe
+from uwserver.world.state.scene_probe import SceneProbe
 
 TRIANGLE = struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)
 PLAIN: dict[str, Any] = {

@@ -12,7 +12,7 @@ from uwserver.sensors import Pose, TrainingConfig
 from uwserver.sensors.onboard.tasks import Gate, HoldDepth, Moment, Reach
 from uwserver.sensors.onboard.training import Training, TrainingMemory
 from uwserver.sensors.wiring import Touch
-from uwserver.world import snapshot
+from uwserver.world.state import snapshot
 
 S = 1_000_000_000
 NAMES = [field.name for field in Training.fields]

@@ -19,7 +19,6 @@ from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario, Server
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import ImuConfig
-from uwserver.world import snapshot
 from uwserver.world.faults import Faults
 from uwserver.world.faults.table import (
     BuoyancyChange,
@@ -30,7 +29,8 @@ from uwserver.world.faults.table import (
     ThrusterStuck,
     ThrusterWeak,
 )
-from uwserver.world.saving import in_one_piece
+from uwserver.world.state import snapshot
+from uwserver.world.state.saving import in_one_piece
 
 RATE = 240
 

@@ -1,14 +1,14 @@
-"""What there is to fail, why a fault cannot be, and what the kinds of extensions come to."""
+"""What can fail, why a fault is not possible, what faults of a hull leave of it, and what the kinds of extensions build."""
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
 import pytest
 
 from uwserver.physics.dynamics.params import rigid_body_inertia
-from uwserver.world.faults.hull import Hull
 from uwserver.world.faults.table import (
     BuoyancyChange,
     FaultTable,
@@ -18,7 +18,7 @@ from uwserver.world.faults.table import (
     ThrusterDead,
     ThrusterWeak,
 )
-from uwserver.world.faults.targets import Targets, effects, refusals
+from uwserver.world.faults.targets import Hull, Targets, effects, left_inertia, left_volume, refusals
 
 HULL = Hull(rigid_body_inertia(10.0, np.diag([1.0, 1.0, 1.0]), (0.0, 0.0, 0.0)), (0.0, 0.0, 0.0), 0.01, 10_000.0)
 TARGETS = Targets({"rov": HULL, "dry": HULL._replace(water=0.0)}, {"rov/thrusters": ("t1", "t2")}, ("rov/imu",))
@@ -84,3 +84,36 @@ def test_a_shipped_kind_is_its_own_effect_and_an_extensions_has_many() -> None:
 def test_an_extension_that_gives_something_else_is_told(gives: Any) -> None:
     with pytest.raises(ValueError, match="must give a tuple of faults"):
         effects("a", Leaky(target="rov", gives=gives), TARGETS, np.random.default_rng(1))
+
+
+BOX = Hull(rigid_body_inertia(10.0, np.diag([1.0, 2.0, 3.0]), (0.0, 0.0, 0.1)), (0.0, 0.0, 0.1), 0.01, 10_000.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "volume"), [({"volume_m3": 0.002}, 0.012), ({"fraction": -0.5}, 0.005), ({"force_N": -20.0}, 0.008)]
+)
+def test_the_three_ways_to_say_a_volume(change: dict[str, float], volume: float) -> None:
+    assert left_volume(BOX, [BuoyancyChange(target="rov", **change)]) == pytest.approx(volume)
+
+
+def test_changes_of_volume_add_up_and_ballast_is_none() -> None:
+    changes = [BuoyancyChange(target="rov", fraction=0.5), BuoyancyChange(target="rov", fraction=0.5)]
+    assert left_volume(BOX, [*changes, MassLoss(target="rov", mass_kg=1.0)]) == pytest.approx(0.02)
+
+
+def test_lost_ballast_takes_its_mass_and_its_moments_in_any_order() -> None:
+    losses = [
+        MassLoss(target="rov", mass_kg=1.0, position_frd_m=(0.5, 0.0, 0.0)),
+        MassLoss(target="rov", mass_kg=2.0, position_frd_m=(0.0, 0.2, 0.1)),
+        MassLoss(target="rov", mass_kg=0.5),
+    ]
+    expected = BOX.M_RB.copy()
+    for mass, place in ((1.0, (0.5, 0.0, 0.0)), (2.0, (0.0, 0.2, 0.1)), (0.5, BOX.r_g)):
+        expected -= rigid_body_inertia(mass, np.zeros((3, 3)), place)
+    for order in itertools.permutations(losses):
+        assert np.allclose(left_inertia(BOX, order), expected, rtol=0, atol=1e-12)
+    assert BOX.M_RB[0, 0] == 10.0, "the hull without faults must stay"
+
+
+def test_a_volume_of_no_change_is_no_inertia() -> None:
+    assert np.array_equal(left_inertia(BOX, [BuoyancyChange(target="rov", fraction=1.0)]), BOX.M_RB)

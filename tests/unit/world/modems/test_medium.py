@@ -1,6 +1,6 @@
 """Packets between modems: travel time, collisions, half duplex, answers and ranges, motion, and what a state keeps of all that.
 
-Also of uwserver.scenario.build.modems, uwserver.world.modems.node, uwserver.world.modems.packets and uwserver.world.modems.ways.
+Also of uwserver.scenario.build.modems, uwserver.world.modems.medium, uwserver.world.modems.packets and uwserver.world.modems.hearing.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
-from uwserver.world import snapshot
+from uwserver.world.state import snapshot
 
 FAR = {"a": (0.0, 0.0, 20.0), "b": (1500.0, 0.0, 20.0)}
 TRIO = {"a": (0.0, 0.0, 20.0), "b": (1000.0, 0.0, 20.0), "c": (500.0, 600.0, 20.0)}

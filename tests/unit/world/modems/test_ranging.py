@@ -16,8 +16,8 @@ from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import ModemTable
 from uwserver.sensors.modem_memory import ModemReport
-from uwserver.world import snapshot
-from uwserver.world.modems.ranging import Ranging
+from uwserver.world.modems.send import Ranging
+from uwserver.world.state import snapshot
 
 FAR = {"a": (0.0, 0.0, 20.0), "b": (1200.0, 900.0, 20.0)}
 

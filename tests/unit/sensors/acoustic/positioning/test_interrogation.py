@@ -31,7 +31,7 @@ from uwserver.sensors import LblConfig, Pose, UsblConfig
 from uwserver.sensors.acoustic.positioning.interrogation import Beacon
 from uwserver.testing import FakeGeometry, check_sensor
 from uwserver.testing.fake_geometry import Plane, Sphere
-from uwserver.world import snapshot
+from uwserver.world.state import snapshot
 
 
 def test_contract(scope):

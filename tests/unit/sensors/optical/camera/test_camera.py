@@ -17,7 +17,8 @@ from uwserver.scenario.build.world import build
 from uwserver.scenario.files.errors import ScenarioError
 from uwserver.scenario.load.scenario import load
 from uwserver.sensors.job import whole
-from uwserver.world import World, snapshot
+from uwserver.world import World
+from uwserver.world.state import snapshot
 
 SCENARIO = """schema = 1
 seed = 5

@@ -1,0 +1,1 @@
+"""The ticks of a world: requests, commands and autopilots, what the compiled step gets, the Python work at its stops, and threads."""
