@@ -80,19 +80,13 @@ def _run(todo: Sequence[str], workers: int, tell: Tell) -> None:
             ready = len(todo) - len(waiting) - len(running)
             tell(f"{_PREFIX}: {ready} of {len(todo)} parts ready, about {left:.0f} s left", left == 0.0)
             if running:
-                elapsed += _wait(next(iter(running.values())))
+                try:
+                    next(iter(running.values())).wait(_PERIOD)
+                except subprocess.TimeoutExpired:
+                    elapsed += _PERIOD
     finally:
         for process in running.values():
             stop(process)
-
-
-def _wait(process: subprocess.Popen[bytes]) -> float:
-    """Wait until a process ends, but at most one period. Returns the time that is to be counted: the period, or 0 if the process has ended."""
-    try:
-        process.wait(_PERIOD)
-    except subprocess.TimeoutExpired:
-        return _PERIOD
-    return 0.0
 
 
 def _left(stages: Sequence[str], workers: int, done: float, elapsed: float) -> float:

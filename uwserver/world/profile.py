@@ -116,20 +116,14 @@ class Report:
         return "\n".join(rows)
 
 
-@dataclass(eq=False, slots=True)
-class _Row:
-    """The counts of one stage and kind since the present tick began."""
-
-    stage: str
-    what: str
-    calls: int = 0
-    readings: int = 0
-    ns: int = 0
+_Key = tuple[str, str]
+"""A stage and a kind."""
+_TICK: _Key = ("tick", "the rest")
 
 
 @dataclass(slots=True)
 class _Sum:
-    """The counts of one stage and kind over all ticks of a window."""
+    """The counts of one stage and kind, in a tick or over all ticks of a window."""
 
     calls: int = 0
     readings: int = 0
@@ -137,7 +131,7 @@ class _Sum:
     worst_ns: int = 0
 
     def add(self, calls: int, readings: int, ns: int) -> None:
-        """Add the counts of a tick."""
+        """Add the counts of a call, or of a tick."""
         self.calls += calls
         self.readings += readings
         self.ns += ns
@@ -150,7 +144,7 @@ class Window:
 
     since_ns: int
     whole: _Sum = field(default_factory=_Sum)
-    sums: defaultdict[_Row, _Sum] = field(default_factory=lambda: defaultdict(_Sum))
+    sums: defaultdict[_Key, _Sum] = field(default_factory=lambda: defaultdict(_Sum))
 
 
 class Profile:
@@ -162,10 +156,8 @@ class Profile:
 
     def __init__(self, now_ns: Callable[[], int]) -> None:
         self._now_ns = now_ns
-        self._rows: dict[tuple[str, str], _Row] = {}
-        self._touched: list[_Row] = []
+        self._tick_sums: defaultdict[_Key, _Sum] = defaultdict(_Sum)
         self._windows: list[Window] = []
-        self._tick = self._row("tick", "the rest")
         self._inner_ns = self._began_ns = 0
 
     @property
@@ -193,7 +185,7 @@ class Profile:
 
     def timed(self, stage: str, what: str, function: Callable[P, R], readings: int = 0) -> Callable[P, R]:
         """Wrap a function, as `Timer`. The time of a timed function that runs within another one counts only for the inner one."""
-        row, now_ns = self._row(stage, what), self._now_ns
+        key, now_ns = (stage, what), self._now_ns
 
         def run(*args: P.args, **kwargs: P.kwargs) -> R:
             outer_ns, self._inner_ns = self._inner_ns, 0
@@ -202,7 +194,7 @@ class Profile:
                 return function(*args, **kwargs)
             finally:
                 whole_ns = now_ns() - began_ns
-                self._count(row, readings, whole_ns - self._inner_ns)
+                self._tick_sums[key].add(1, readings, whole_ns - self._inner_ns)
                 self._inner_ns = outer_ns + whole_ns
 
         return run
@@ -218,7 +210,7 @@ class Profile:
         if named is not None:
             stage, what, readings = named
             took_ns = self._now_ns() - began_ns
-            self._count(self._row(stage, what), readings, took_ns)
+            self._tick_sums[stage, what].add(1, readings, took_ns)
             self._inner_ns += took_ns
         return result
 
@@ -230,28 +222,17 @@ class Profile:
 
     def end(self) -> None:
         """End a tick."""
-        self._count(self._tick, 0, self._now_ns() - self._began_ns - self._inner_ns)
-
-    def _row(self, stage: str, what: str) -> _Row:
-        return self._rows.setdefault((stage, what), _Row(stage, what))
-
-    def _count(self, row: _Row, readings: int, ns: int) -> None:
-        if not row.calls:
-            self._touched.append(row)
-        row.calls += 1
-        row.readings += readings
-        row.ns += ns
+        self._tick_sums[_TICK].add(1, 0, self._now_ns() - self._began_ns - self._inner_ns)
 
     def _add_tick(self) -> None:
         """Add what was measured since the last tick began to the windows."""
-        whole_ns = sum([row.ns for row in self._touched])
+        whole_ns = sum([each.ns for each in self._tick_sums.values()])
+        ticks = self._tick_sums.get(_TICK, _Sum()).calls  # no tick may have ended since
         for window in self._windows:
-            window.whole.add(self._tick.calls, 0, whole_ns)
-            for row in self._touched:
-                window.sums[row].add(row.calls, row.readings, row.ns)
-        for row in self._touched:
-            row.calls = row.readings = row.ns = 0
-        self._touched.clear()
+            window.whole.add(ticks, 0, whole_ns)
+            for key, each in self._tick_sums.items():
+                window.sums[key].add(each.calls, each.readings, each.ns)
+        self._tick_sums.clear()
 
 
 def _report(window: Window, now_ns: int) -> Report:
@@ -261,8 +242,8 @@ def _report(window: Window, now_ns: int) -> Report:
         return total.ns * 1e-3 / max(1, ticks)
 
     lines = [
-        Line(row.stage, row.what, total.calls, total.readings, mean_us(total), total.worst_ns * 1e-3)
-        for row, total in window.sums.items()
+        Line(stage, what, total.calls, total.readings, mean_us(total), total.worst_ns * 1e-3)
+        for (stage, what), total in window.sums.items()
     ]
     lines.sort(key=lambda line: (STAGES.index(line.stage), -line.mean_us))
     seconds = (now_ns - window.since_ns) / NANOSECONDS
