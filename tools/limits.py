@@ -46,7 +46,6 @@ from uwserver_adapters.yarp import wire as yarp_wire
 from uwserver_adapters.yarp.config import YarpConfig
 
 from uwserver.adapter import accepting, bounds, connection, conversation, peers
-from uwserver.world.faults.targets import refusals
 from uwserver.recording import reading, recorder
 from uwserver.scenario.files import documents, locate
 from uwserver.scenario.load import checks, scenario
@@ -56,6 +55,7 @@ from uwserver.server import http, life_cycle, profiling, recordings, state_files
 from uwserver.simulation import bus, intake, mailbox, thread
 from uwserver.units import NANOSECONDS
 from uwserver.world import services
+from uwserver.world.faults.targets import refusals
 from uwserver.world.state import saving, snapshot
 
 HEAD = """\

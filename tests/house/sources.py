@@ -49,11 +49,12 @@ class Length(NamedTuple):
 
 
 class Module(NamedTuple):
-    """A source file."""
+    """A source file. `statements` leaves out docstrings."""
 
     name: str
     path: Path
     text: str
+    statements: int
     imports: tuple[Import, ...]
     functions: tuple[Length, ...]
     classes: tuple[str, ...]
@@ -116,6 +117,7 @@ def module_of(name: str, text: str, path: Path | None = None) -> Module:
         name,
         path or Path(f"{name}.py"),
         text,
+        sum(not _is_docstring(node) for node, _ in statements),
         tuple(
             i
             for node, eager in statements
@@ -126,6 +128,11 @@ def module_of(name: str, text: str, path: Path | None = None) -> Module:
         tuple(node.name for node, _ in statements if isinstance(node, ast.ClassDef)),
         tuple(_undocumented(tree)),
     )
+
+
+def _is_docstring(node: ast.stmt) -> bool:
+    """Whether a statement is a text that says what something is."""
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
 def _inner(statement: ast.stmt) -> list[ast.stmt]:

@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 
 from uwserver.adapter import AdapterStats, Connection, Conversation, Lines, Peers, Refusals, connection, peers
-from uwserver.adapter import limits
 from uwserver.testing import FakeContext, Loopback
 
 
@@ -285,7 +284,7 @@ class Asker(Connection):
 
 
 def test_a_peer_that_sends_too_many_requests_is_not_read_until_the_second_is_over(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(limits, "WINDOW_S", 0.02)
+    monkeypatch.setattr(peers, "WINDOW_S", 0.02)
 
     async def scene(room: Room) -> None:
         asker = Asker(room, FakeContext())

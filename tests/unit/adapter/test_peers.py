@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from uwserver.adapter import AdapterStats, Peers, RateMeter, Refusals, host_of
-from uwserver.adapter import limits
+from uwserver.adapter import AdapterStats, Peers, RateMeter, Refusals, host_of, peers
 from uwserver.adapter.peers import TurnTimes
 
 
@@ -98,7 +97,7 @@ def test_so_many_in_a_window_and_then_a_new_one():
 
 
 def test_a_window_is_a_second_unless_told_otherwise(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(limits, "WINDOW_S", 7.0)
+    monkeypatch.setattr(peers, "WINDOW_S", 7.0)
     meter = RateMeter(1)
     meter.take(0.0)
     assert meter.end == 7.0

@@ -12,8 +12,7 @@ from uwserver_adapters.native.codec import FRAME_LIMIT, LINE_LIMIT
 from uwserver_adapters.native.outbox import REPLIES
 from uwserver_adapters.sockets.connection import TRIES
 
-from uwserver.adapter import LOCKOUT_S, STRANGER_LIMIT, WRONG_TOKENS, connection
-from uwserver.adapter import limits
+from uwserver.adapter import LOCKOUT_S, STRANGER_LIMIT, WRONG_TOKENS, connection, peers
 from uwserver.ports import Event
 from uwserver.testing import sample_of
 from uwserver.testing.fake_context import DEPTH, IMU
@@ -318,7 +317,7 @@ def test_replies_come_before_waiting_samples(stage: Stage) -> None:
 
 
 def test_a_flood_is_refused_and_then_not_even_read(stage: Stage, pack: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(limits, "WINDOW_S", 0.2)
+    monkeypatch.setattr(peers, "WINDOW_S", 0.2)
     monkeypatch.setattr(connection, "TURN_S", 1000.0)
 
     async def scene() -> None:
