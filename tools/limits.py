@@ -15,12 +15,12 @@ from uwserver_adapters.morse import connections, grammar
 from uwserver_adapters.morse.config import MorseConfig
 from uwserver_adapters.native import fanout
 from uwserver_adapters.player import wire as player_wire
-from uwserver_adapters.player.config import PlayerConfig
+from uwserver_adapters.player.adapter import PlayerConfig
 from uwserver_adapters.px4 import door
 from uwserver_adapters.ros import parameters as ros_parameters
 from uwserver_adapters.ros.messages import plain as ros_plain
 from uwserver_adapters.ros.messages import types as ros_types
-from uwserver_adapters.ros1 import links, node, xmlrpc
+from uwserver_adapters.ros1 import node, xmlrpc
 from uwserver_adapters.ros1 import peers as ros1_peers
 from uwserver_adapters.ros1 import wire as tcpros
 from uwserver_adapters.ros1.config import Ros1Config
@@ -343,7 +343,7 @@ def _ros1() -> Iterator[Row]:
     http = f"{_bytes(xmlrpc.HEAD_LIMIT)}, {_bytes(xmlrpc.BODY_LIMIT)}"
     yield "a head of a call of the API, its body", http, "4xx, disconnected"
     yield "publishers of a topic", str(node.PUBLISHERS), "the rest is ignored"
-    yield "time in which the master, or a publisher, answers", f"{links.CALL_S:g} s", "tried again"
+    yield "time in which the master, or a publisher, answers", f"{node.CALL_S:g} s", "tried again"
 
 
 def _yarp() -> Iterator[Row]:

@@ -11,7 +11,7 @@ import threading
 import numpy as np
 import pytest
 import uwclient
-from uwserver_adapters.native import verbs
+from uwserver_adapters.native import service
 from uwserver_adapters.sockets import SocketsAdapter
 from video_rig import CAMERA, DEPTH, PATIENCE_S, context, number_of, picture, psnr, sample
 
@@ -119,7 +119,7 @@ def test_other_forms_and_servers_without_a_library_say_so(monkeypatch):
         async with await connect() as client:
             with pytest.raises(uwclient.CallRefused, match='"pictures" is "raw" or "jpeg"'):
                 await client.subscribe("rov/*", pictures="png")
-            monkeypatch.setattr(verbs, "can_encode_jpeg", lambda: False)
+            monkeypatch.setattr(service, "can_encode_jpeg", lambda: False)
             with pytest.raises(uwclient.CallRefused, match=r"pip install 'uwserver\[pictures\]'"):
                 await client.subscribe("rov/*", pictures="jpeg")
             await client.subscribe("rov/*", pictures="raw")

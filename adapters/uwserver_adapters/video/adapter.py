@@ -23,8 +23,7 @@ from uwserver.ports import Event, Json, Port, Sample
 from uwserver_adapters.video.announcer import Announcer
 from uwserver_adapters.video.config import StreamTable, VideoConfig, host_and_port, port_with_pictures
 from uwserver_adapters.video.connection import RtspConnection
-from uwserver_adapters.video.datagrams import Sender, Target
-from uwserver_adapters.video.media_ports import MediaPorts
+from uwserver_adapters.video.datagrams import MediaPorts, Sender, Target
 from uwserver_adapters.video.stream import Stream
 
 SHOW_S = 1.0

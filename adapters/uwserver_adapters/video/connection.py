@@ -10,8 +10,7 @@ from typing import Any, Final
 from uwserver.adapter import AdapterStats, Connection, Peers
 from uwserver.ports import Fault
 from uwserver_adapters.video.config import VideoConfig
-from uwserver_adapters.video.datagrams import Address, Route
-from uwserver_adapters.video.media_ports import MediaPorts
+from uwserver_adapters.video.datagrams import Address, MediaPorts, Route
 from uwserver_adapters.video.rtsp import Interleaved, Malformed, Reader, answer, sequence_number
 from uwserver_adapters.video.session import Session
 from uwserver_adapters.video.stream import Picture, Stream

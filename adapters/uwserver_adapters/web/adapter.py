@@ -27,7 +27,7 @@ from uwserver.ports import Event, Sample
 from uwserver_adapters.web.config import WebConfig
 
 if TYPE_CHECKING:
-    from uwserver_adapters.web.front import Front
+    from uwserver_adapters.web.connection import Front
 
 
 class WebAdapter(AdapterBase[WebConfig]):
@@ -57,7 +57,7 @@ class WebAdapter(AdapterBase[WebConfig]):
     def front(self) -> Front:
         """Everything that serves pages, made at the first use."""
         if self._front is None:
-            from uwserver_adapters.web.front import Front
+            from uwserver_adapters.web.connection import Front
 
             self._front = Front(self.config, self.context, self.token, self.peers)
         return self._front

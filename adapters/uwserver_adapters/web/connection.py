@@ -1,4 +1,4 @@
-"""One connection of a browser: one request and its answer, or the live data of a page over a WebSocket."""
+"""One connection of a browser, and what all connections share: a request and its answer, or the live data of a page over a WebSocket."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from typing import Final
 
 from websockets.frames import Frame, Opcode
 
-from uwserver.adapter import Peer, Peers
+from uwserver.adapter import AdapterContext, Peer, Peers
 from uwserver.adapter.http import HEAD_END, HEAD_LIMIT, Request, parse
 from uwserver.ports import Json
 from uwserver_adapters.native.codec import Codec
 from uwserver_adapters.native.connection import NativeConnection
 from uwserver_adapters.native.messages import Notice
-from uwserver_adapters.native.session import Session
+from uwserver_adapters.native.session import Allowance, Session
 from uwserver_adapters.native.websocket import Handshake
 from uwserver_adapters.web.config import WebConfig
-from uwserver_adapters.web.http import Answer, text
+from uwserver_adapters.web.pages import Pages
 from uwserver_adapters.web.service import WebService
-from uwserver_adapters.web.site import LIVE, Site
+from uwserver_adapters.web.site import LIVE, Answer, Files, Site, page_folder, text
 
 PIECE: Final = 1 << 16
 """Bytes of an answer that are given to the transport at a time."""
@@ -189,3 +189,45 @@ class WebConnection(NativeConnection):
         if session is not None:
             self._outbox.put_reply(session.codec.message(Notice("status", status)))
             self._outbox.flush()
+
+
+class Front:
+    """The parts of a web view.
+
+    Args:
+        config, context: the adapter's table and context.
+        token: token that pages must show; None where none is needed.
+        peers: all connections.
+
+    Attributes:
+        service: the native protocol for pages.
+        pages: the open pages.
+        site: the answers to HTTP requests.
+    """
+
+    def __init__(self, config: WebConfig, context: AdapterContext, token: str | None, peers: Peers[Peer]) -> None:
+        self._config, self._peers = config, peers
+        allowance = Allowance(config.max_subscriptions, config.max_unanswered)
+        self.service = WebService(
+            context,
+            (token, config.view_token),
+            config.read_only,
+            allowance,
+            config.max_requests_per_s,
+            peers.refusals,
+        )
+        leases = self.service.rights.leases
+        self.pages = Pages(context, self.service.fanout, leases, config.frames_hz, config.shows_poses)
+        self.service.pages = self.pages
+        self.site = Site(context, config, Files(page_folder()), self.service, peers.refusals)
+
+    def greet(self) -> WebConnection:
+        """Return the protocol for a new connection."""
+        return WebConnection(self.service, self.site, self._config, self._peers)
+
+    async def close(self) -> None:
+        """Send nothing more, and end all threads and tasks."""
+        self.pages.close()
+        await self.pages.pictures.close()
+        await self.service.fanout.close()
+        await self.site.close()

@@ -10,9 +10,8 @@ from typing import Protocol
 from uwserver.adapter import AdapterContext, Decimations
 from uwserver.ports import Event, Json, Progress, Refused, Reply, Sample, SceneState
 from uwserver_adapters.native.fanout import Fanout
-from uwserver_adapters.web.frames import HIDDEN, PAUSED, state_frame
 from uwserver_adapters.web.lease import Leases
-from uwserver_adapters.web.pictures import Pictures, Viewer
+from uwserver_adapters.web.pictures import HIDDEN, PAUSED, Pictures, Viewer, state_frame
 
 STATUS_S = 0.5
 """Wall time between two status messages, and between two states while nothing changes."""

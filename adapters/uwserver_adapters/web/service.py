@@ -7,10 +7,8 @@ from collections.abc import Callable
 
 from uwserver.adapter import AdapterContext, Refusals
 from uwserver.ports import Fault, Refused
-from uwserver_adapters.native import params as read
-from uwserver_adapters.native import verbs
 from uwserver_adapters.native.messages import Request
-from uwserver_adapters.native.service import NativeService
+from uwserver_adapters.native.service import NativeService, params_of, take
 from uwserver_adapters.native.session import Allowance, Session
 from uwserver_adapters.web.pages import Page, Pages
 from uwserver_adapters.web.rights import Rights
@@ -66,7 +64,7 @@ class WebService(NativeService):
             self._carry_out(session, request)
             return None
         if request.method == "hello" and self._shows_view_token(request):
-            fault = verbs.take(session, request, self.view_token)
+            fault = take(session, request, self.view_token)
             if session.greeted:
                 self.rights.watching.add(session.serial)
             return fault
@@ -89,7 +87,7 @@ class WebService(NativeService):
 
     def view(self, page: Page, request: Request) -> object:
         """Set which binary frames a page wants. All pictures that it was sent count as shown."""
-        params = read.params_of(request, ("frames", "pictures"))
+        params = params_of(request, ("frames", "pictures"))
         frames, pictures = params.get("frames", page.wants_frames), params.get("pictures")
         if not isinstance(frames, bool):
             raise Refused("bad_argument", '"frames" must be true or false', "frames")
@@ -104,7 +102,7 @@ class WebService(NativeService):
 
     def seen(self, page: Page, request: Request) -> object:
         """Note that a page has shown its pictures of these ports."""
-        params = read.params_of(request, ("pictures",))
+        params = params_of(request, ("pictures",))
         numbers = params.get("pictures")
         if not isinstance(numbers, list) or not all(isinstance(n, int) for n in numbers):
             raise Refused("bad_argument", '"pictures" must be a list of numbers of ports', "pictures")

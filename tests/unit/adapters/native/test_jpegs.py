@@ -8,7 +8,7 @@ import threading
 
 import numpy as np
 import pytest
-from uwserver_adapters.native import jpegs
+from uwserver_adapters.native import fanout
 
 from uwserver.ports import Buffer, Field, Layout, Port, Sample
 
@@ -28,13 +28,13 @@ SHOT = Sample(CAMERA.path, 0, 1, 1, True, (*[1.0] * 6, Buffer.of(np.zeros((48, 6
 def encoders(monkeypatch):
     """Threads that encoded a picture, one entry each time."""
     found: list[threading.Thread] = []
-    real = jpegs.with_jpeg
+    real = fanout.with_jpeg
 
     def noted(port: Port, sample: Sample) -> Sample:
         found.append(threading.current_thread())
         return real(port, sample)
 
-    monkeypatch.setattr(jpegs, "with_jpeg", noted)
+    monkeypatch.setattr(fanout, "with_jpeg", noted)
     return found
 
 

@@ -9,8 +9,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 
 import pytest
-from uwserver_adapters.player.adapter import PlayerAdapter
-from uwserver_adapters.player.config import PlayerConfig
+from uwserver_adapters.player.adapter import PlayerAdapter, PlayerConfig
 
 from uwserver.adapter import CannotListen, CannotServe
 from uwserver.ports import Field, Port

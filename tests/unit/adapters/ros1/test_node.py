@@ -14,10 +14,10 @@ import msgspec
 import pytest
 from msgspec import structs
 from uwserver_adapters.ros.messages.types import Types
-from uwserver_adapters.ros1 import links, node, wire
+from uwserver_adapters.ros1 import node, wire
 from uwserver_adapters.ros1.adapter import Ros1Adapter
 from uwserver_adapters.ros1.config import Ros1Config
-from uwserver_adapters.ros1.links import ask, place_of
+from uwserver_adapters.ros1.node import ask, place_of
 
 from uwserver.adapter import CannotListen, may_connect
 from uwserver.ports import BodyView, EntityList, Refused, Reply, SceneState, SceneView, SensorView
@@ -154,7 +154,7 @@ def test_it_registers_and_comes_back_after_the_master(monkeypatch: pytest.Monkey
 
     # The first master is closed within the story.
     monkeypatch.setattr(Master, "close", _closed_once(Master.close))
-    monkeypatch.setattr(links, "RETRY_S", 0.05)
+    monkeypatch.setattr(node, "RETRY_S", 0.05)
     monkeypatch.setattr(node, "CHECK_S", 0.05)
     run(story)
 

@@ -6,8 +6,7 @@ import struct
 
 import numpy as np
 import pytest
-from uwserver_adapters.web.frames import DEPTH, FAN, RAW, SIDES
-from uwserver_adapters.web.pictures import encoded
+from uwserver_adapters.web.pictures import DEPTH, FAN, RAW, SIDES, encoded
 
 from uwserver.ports import Buffer, Field, Layout, Port, Sample, Value
 

@@ -12,8 +12,8 @@ import time
 from pathlib import Path
 
 import pytest
-from uwserver_adapters.web import files, front, site
-from uwserver_adapters.web.files import Files, StaticFile, static_file
+from uwserver_adapters.web import connection, site
+from uwserver_adapters.web.site import Files, StaticFile, static_file
 from web_rig import Stage, play
 
 IMPORT_MAP = b'{"imports":{"three":"./vendor/three.js"}}'
@@ -32,7 +32,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (web / "notes.toml").write_text("no")
     (tmp_path / "secret.txt").write_text("secret")
     (web / "link.txt").symlink_to(tmp_path / "secret.txt")
-    monkeypatch.setattr(front, "page_folder", lambda: web)
+    monkeypatch.setattr(connection, "page_folder", lambda: web)
     return web
 
 
@@ -222,7 +222,7 @@ def test_what_does_not_shrink_is_sent_as_it_is() -> None:
 
 
 def test_a_view_without_its_files_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(front, "page_folder", lambda: tmp_path / "nothing")
+    monkeypatch.setattr(connection, "page_folder", lambda: tmp_path / "nothing")
 
     async def scene(stage: Stage) -> None:
         page = await stage.get("/")
@@ -272,7 +272,7 @@ def test_what_many_ask_for_at_once_is_made_once(folder: Path, monkeypatch: pytes
         time.sleep(0.05)
         return static_file(data, kind)
 
-    monkeypatch.setattr(files, "static_file", slowly)
+    monkeypatch.setattr(site, "static_file", slowly)
     monkeypatch.setattr(site, "static_file", slowly)
 
     async def scene(stage: Stage) -> None:
