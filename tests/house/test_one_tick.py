@@ -12,9 +12,9 @@ BY_ADDRESS = {"call", "call_for_number", "call_for_float", "call_for_struck"}
 
 STAGES = {
     "step_pilots": "uwserver.step.tick._waits_for_python",
-    "find_pairs": "uwserver.step.contact.find",
-    "find_lines": "uwserver.step.contact.find",
-    "find_contacts": "uwserver.step.contact.find",
+    "find_pairs": "uwserver.step.bodies.find_contacts",
+    "find_lines": "uwserver.step.bodies.find_contacts",
+    "find_contacts": "uwserver.step.bodies.find_contacts",
     "fill_flows": "uwserver.step.bodies.fill_flows",
     "strike": "uwserver.physics.contact.carrying._touch",
     "advance": "uwserver.physics.contact.carrying._advance",

@@ -55,14 +55,6 @@ def _rise(pending: Array, k: int) -> None:
 
 
 @compiled
-def _move(pending: Array, a: int, b: int) -> None:
-    """Copy entry b to place a."""
-    x, y = pending[a], pending[b]
-    x.t_sent_ns, x.order, x.stream, x.seq = y.t_sent_ns, y.order, y.stream, y.seq
-    x.t_ns, x.valid, x.slot = y.t_ns, y.valid, y.slot
-
-
-@compiled
 def _sink(pending: Array, count: int) -> None:
     """Restore a heap of `count` entries whose first is gone, with the entry at place `count`. Children move up into the gap until that entry fits, as
     swaps would write twice as much."""
@@ -75,10 +67,10 @@ def _sink(pending: Array, count: int) -> None:
             child += 1
         if not _earlier(pending, child, count):
             break
-        _move(pending, k, child)
+        pending[k] = pending[child]
         k = child
     if count > 0:
-        _move(pending, k, count)
+        pending[k] = pending[count]
 
 
 @compiled

@@ -15,7 +15,7 @@ from uwserver.physics.kernel.calling import call, call_for_number
 from uwserver.physics.kernel.compiled import compiled, entry
 from uwserver.physics.kernel.handles import array_at
 from uwserver.sensors.surroundings import FORMS as SURROUNDINGS
-from uwserver.step import bodies, contact, rows, streams
+from uwserver.step import bodies, rows, streams
 from uwserver.step.bodies import seconds_of, time_of
 from uwserver.step.readings import brings_large, is_measured, measure, needs_room
 from uwserver.step.rows import (
@@ -102,14 +102,14 @@ def _before_and_move(table: Array) -> int:
     if run.stage == FIND:
         run.stage = MOVE
         bodies.fill_flows(table, 0.5 * course.dt)
-        if contact.is_possible(table):
-            if run.finds != 0 or not contact.find(table):
+        if bodies.can_touch(table):
+            if run.finds != 0 or not bodies.find_contacts(table):
                 return FIND
             if is_measured(run, FIND, 0):
                 return UNIT
     if run.stage == MOVE:
         run.stage = DRAW
-        touches = contact.has_found(table)
+        touches = bodies.may_touch(table)
         lost = bodies.move(table)
         if lost >= 0:
             run.tick += 1

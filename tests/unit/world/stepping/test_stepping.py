@@ -1,7 +1,7 @@
 """Many ticks in one go are those that are made one by one, bit for bit, whatever happens in them and between them; and where steps stop.
 
-Also of uwserver.step.tick, uwserver.step.bodies, uwserver.step.rows, uwserver.step.contact,
-uwserver.physics.contact.carrying, uwserver.world.sensing.python_readings and uwserver.world.stepping.step_table.
+Also of uwserver.step.tick, uwserver.step.bodies, uwserver.step.rows, uwserver.physics.contact.carrying,
+uwserver.world.sensing.python_readings and uwserver.world.stepping.step_table.
 """
 
 from __future__ import annotations
