@@ -25,6 +25,8 @@ CAUSES = 256
 did_you_mean = suggestion
 """Returns `` (did you mean "x"?)`` for a word that is like a known one, or ""."""
 
+C = TypeVar("C", bound=AdapterTable)
+
 
 class CannotServe(Exception):
     """Raised by `Adapter.run` if the adapter's table, the world and this machine do not fit; the text says what to change."""
@@ -70,9 +72,6 @@ class Refusals:
         """Count a refusal that is an error of the adapter too; otherwise like `note`."""
         self._stats.count_error(text)
         return self.note(cause, text)
-
-
-C = TypeVar("C", bound=AdapterTable)
 
 
 class AdapterBase(Generic[C]):

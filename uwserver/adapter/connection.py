@@ -149,7 +149,7 @@ class Connection(asyncio.Protocol):
         return self.transport.get_write_buffer_size()
 
     def write(self, data: bytes) -> None:
-        """Send, unless it ends already: also by the peer, which is told to us a turn later."""
+        """Send bytes, unless the connection is ending. If the peer has ended it, the transport knows that a turn before this object does."""
         if not self.is_closing and not self.transport.is_closing():
             self.transport.write(data)
 
@@ -295,7 +295,7 @@ class Connection(asyncio.Protocol):
         return b""
 
     def _work(self) -> None:
-        """Handle what is there for one turn."""
+        """Handle stored input for one turn."""
         self._turn = None
         self.is_working = True
         try:

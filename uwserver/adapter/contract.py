@@ -21,6 +21,13 @@ from uwserver.ports import EntityList, Event, Fault, Json, OnReply, Port, Sample
 from uwserver.table import Table
 from uwserver.units import NANOSECONDS
 
+log = logging.getLogger(__name__)
+
+
+ENTRY_POINT_GROUP = "uwserver.adapters"
+ERROR_LIMIT = 500
+"""Longest `AdapterStats.last_error`, characters: it may quote a peer."""
+
 
 class VehicleFacts(Struct, frozen=True):
     """A vehicle of the scenario.
@@ -64,13 +71,6 @@ class WorldFacts(Struct, frozen=True, kw_only=True):
         return round(epoch.timestamp()) * NANOSECONDS
 
 
-log = logging.getLogger(__name__)
-
-ENTRY_POINT_GROUP = "uwserver.adapters"
-ERROR_LIMIT = 500
-"""Longest `AdapterStats.last_error`, characters: it may quote a peer."""
-
-
 class AdapterTable(Table, tag_field="kind", kw_only=True, frozen=True):
     """What the table of any adapter may hold.
 
@@ -92,7 +92,7 @@ class AdapterTable(Table, tag_field="kind", kw_only=True, frozen=True):
     def faults(
         self, ports: Mapping[str, Port], services: Mapping[str, Service]
     ) -> Iterable[tuple[tuple[str, ...], str]]:
-        """Return what the table names in the world and the adapter cannot serve. `uwserver check` reports it, as a run would.
+        """Return the names in the table that the adapter cannot serve in this world. `uwserver check` reports them, as a run would.
 
         Args:
             ports: the ports that the adapter may serve when the scenario begins, by path.
@@ -104,7 +104,7 @@ class AdapterTable(Table, tag_field="kind", kw_only=True, frozen=True):
         return ()
 
     def parts(self) -> Mapping[str, str]:
-        """Return what the adapter serves where, if that is more than one thing: a text for each key of its table, for `uwserver check`."""
+        """Return a text for each key of the table that has something served of its own, if there are several. `uwserver check` shows the texts."""
         return {}
 
 

@@ -35,7 +35,7 @@ class FirstBytes:
 
     Attributes:
         held: all bytes so far.
-        speech: what they show.
+        speech: the protocol that they show.
     """
 
     def __init__(self) -> None:

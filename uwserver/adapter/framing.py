@@ -1,5 +1,8 @@
 """Splits streams of bytes into lines or frames, and decodes these into values, without a socket. A fault of a peer is an exception with a text.
 
+If a message cannot be decoded, `json_member` and `msgpack_member` read single values from it, so that its refusal can name the request that it
+answers.
+
 `receive` only stores bytes, ``next_...`` parses them. Not more than the limit is kept, and no memory is reserved for a length that was only
 claimed.
 """
@@ -41,6 +44,14 @@ _MSGPACK = msgspec.msgpack.Decoder()
 _PAIR = re.compile(rb"\\u[dD][89abAB][0-9a-fA-F]{2}\\u[dD][c-fC-F][0-9a-fA-F]{2}")
 _BLANKS = re.compile(rb"\s+")
 _SURROGATE = re.compile(rb"\\u[dD][89a-fA-F]")
+
+LOOKED_AT = 2048
+"""Texts, maps and lists of JSON, or values of msgpack, that are examined, so that nonsense takes at most a millisecond."""
+# The closing quote is optional. So a text without end takes linear time, and is the last token.
+_STRING = rb'"[^"\\]*(?:\\.[^"\\]*)*"?'
+_TOKEN = re.compile(_STRING + rb"|[\[\]{}]", re.DOTALL)
+_VALUE = re.compile(rb"\s*:\s*(-?\d{1,20}(?![\d.eE])|" + _STRING + rb")", re.DOTALL)
+_FIXED_EXTENSIONS = {0xD4: 3, 0xD5: 4, 0xD6: 6, 0xD7: 10, 0xD8: 18}
 
 
 class Undecodable(Refused):
@@ -237,16 +248,6 @@ def line(body: bytes) -> bytes:
 def frame(body: bytes) -> bytes:
     """Return a body as `Frames` reads it."""
     return len(body).to_bytes(4, "big") + body
-
-
-LOOKED_AT = 2048
-"""Texts, maps and lists of JSON, or values of msgpack, that are examined, so that nonsense takes at most a millisecond."""
-
-# The closing quote is optional. So a text without end takes linear time, and is the last token.
-_STRING = rb'"[^"\\]*(?:\\.[^"\\]*)*"?'
-_TOKEN = re.compile(_STRING + rb"|[\[\]{}]", re.DOTALL)
-_VALUE = re.compile(rb"\s*:\s*(-?\d{1,20}(?![\d.eE])|" + _STRING + rb")", re.DOTALL)
-_FIXED_EXTENSIONS = {0xD4: 3, 0xD5: 4, 0xD6: 6, 0xD7: 10, 0xD8: 18}
 
 
 def json_member(text: bytes, name: str) -> int | str | None:

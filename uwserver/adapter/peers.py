@@ -21,6 +21,11 @@ T = TypeVar("T")
 WINDOW_S = 1.0
 """Wall time over which requests are counted."""
 
+STRANGERS = 64
+"""Peers of an adapter that may be connected without being admitted."""
+CLOSING_S = 0.2
+"""Wall time in which peers may take what was written before the adapter ends."""
+
 
 class RateMeter:
     """Counts the requests of one client.
@@ -96,12 +101,6 @@ async def within(seconds: float, what: Awaitable[T], text: str) -> T:
     if task.cancelled():
         raise TimeoutError(f"{text} in {seconds:g} s")
     return task.result()
-
-
-STRANGERS = 64
-"""Peers of an adapter that may be connected without being admitted."""
-CLOSING_S = 0.2
-"""Wall time in which peers may take what was written before the adapter ends."""
 
 
 class Peer(Protocol):

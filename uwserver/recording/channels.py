@@ -22,6 +22,17 @@ _MESSAGES = {
 WORDS = ("string", "boolean")
 """JSON types whose values are only compared for equality; there is no distance between them."""
 
+Whole = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
+"""A number that MCAP and the times of a simulation can have."""
+_JSON_TYPES = {
+    "float": "number",
+    "int": "integer",
+    "bool": "boolean",
+    "str": "string",
+    "bytes": "object",
+    "buffer": "object",
+}
+
 
 @dataclass(frozen=True)
 class Column:
@@ -65,10 +76,6 @@ class Described:
     columns: tuple[Column, ...]
 
 
-Whole = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
-"""A number that MCAP and the times of a simulation can have."""
-
-
 class SampleMessage(msgspec.Struct):
     """A message on the channel of a sensor."""
 
@@ -106,16 +113,6 @@ def _column(name: str, node: Mapping[str, Any]) -> Column:
     kinds = (node if items is None else items)["type"]
     size = 0 if items is None else int(node.get("maxItems", 1))
     return Column(name, unit[1] if unit else "1", kinds if isinstance(kinds, str) else kinds[0], size)
-
-
-_JSON_TYPES = {
-    "float": "number",
-    "int": "integer",
-    "bool": "boolean",
-    "str": "string",
-    "bytes": "object",
-    "buffer": "object",
-}
 
 
 def port_schema(port: Port) -> dict[str, Any]:

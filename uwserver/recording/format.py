@@ -11,7 +11,8 @@ Each port has a channel. Its topic is the path of the port, its messages are JSO
   `uwserver.recording.states`.
 
 Requests and hashes share one running index. It gives their order, also where a reset sets the tick back.
-The metadata record ``uwserver`` comes first. It contains versions, seed, timing, and the whole resolved scenario.
+The metadata record ``uwserver`` comes first. It contains versions, seed, timing, and the whole resolved scenario. It also contains the model files
+(glTF), so that playback shows them without the files. Their size is limited, and they are checked again when they are read.
 """
 
 from __future__ import annotations
@@ -45,6 +46,9 @@ from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.simulation import clock
 from uwserver.simulation.clock import Timing
 
+log = logging.getLogger(__name__)
+
+
 FORMAT = "uwserver-recording-3"
 """Version of all channels. A replay also depends on the version of the physics, `uwserver.physics.PHYSICS`."""
 REPLAYED_FORMATS = ("uwserver-recording-2", FORMAT)
@@ -53,6 +57,12 @@ METADATA = "uwserver"
 REQUESTS, HASHES, EVENTS = "uwserver/requests", "uwserver/hashes", "uwserver/events"
 
 _SECRETS = ("token", "password", "secret")
+
+MODEL_FILES = "looks_base64"
+"""Key in the metadata record. Earlier recordings have the key `looks` in base 85, which takes seconds and 50 times the memory to decode; they are
+played without looks."""
+MOST_MODEL_BYTES = 32 << 20
+"""Largest total size of the files. If they are larger, the largest files are left out."""
 
 
 class Request(Struct, frozen=True, omit_defaults=True):
@@ -247,15 +257,6 @@ def _without_secrets(scenario: dict[str, Any]) -> dict[str, Any]:
         for name, table in scenario.get("adapters", {}).items()
     }
     return {**scenario, "adapters": adapters}
-
-
-log = logging.getLogger(__name__)
-
-MODEL_FILES = "looks_base64"
-"""Key in the metadata record. Earlier recordings have the key `looks` in base 85, which takes seconds and 50 times the memory to decode; they are
-played without looks."""
-MOST_MODEL_BYTES = 32 << 20
-"""Largest total size of the files. If they are larger, the largest files are left out."""
 
 
 class _Kept(msgspec.Struct):

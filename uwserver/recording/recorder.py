@@ -1,7 +1,8 @@
 """Records a run while it is going on. `uwserver.recording.format` describes the file, `uwserver.recording.replay` runs it again.
 
 Three threads share a queue. The loop adds samples and events (as a sink of the bus), the simulation thread adds requests and states (as an
-observer), and the thread "recorder" encodes them as JSON and writes the file. The first two never touch the file.
+observer), and the thread "recorder" encodes them as JSON and writes the file. The first two never touch the file. `SceneRecorder` observes the bodies
+of the world and their poses, for playback.
 
 In real time, samples are dropped and counted when the writer cannot keep up; in other modes the tick waits for the writer, so that nothing is lost.
 Requests and states are never dropped, because a replay needs all of them. If the file cannot be written any more, the recording ends, but the
@@ -38,6 +39,18 @@ from uwserver.world.state.snapshot import Snapshot
 from uwserver.world.world import World
 
 log = logging.getLogger(__name__)
+
+MAX_SAMPLES = 32_768
+"""Number of samples that may wait for the writer."""
+MAX_REQUESTS = 50_000
+"""Number of requests that may wait for the writer, half a second of its work. With more the recording ends, because it could not be replayed without
+them."""
+CHUNK_NS = NANOSECONDS // 2
+"""A chunk is written at the latest after this wall time. A killed server loses at most that."""
+CLOSE_TIMEOUT_S = 5.0
+"""Wall time in which the writer must make progress at the end, however much is left to write."""
+_DRAIN_S = 0.1
+_BACKPRESSURE_S = 0.002
 
 
 class SceneRecorder:
@@ -95,22 +108,6 @@ class SceneRecorder:
             state.entities, self._since_began, world.tick, world.t_ns, world.ports, world.services, models, water
         )
         return self._seen
-
-
-MAX_SAMPLES = 32_768
-"""Number of samples that may wait for the writer."""
-
-MAX_REQUESTS = 50_000
-"""Number of requests that may wait for the writer, half a second of its work. With more the recording ends, because it could not be replayed without
-them."""
-
-CHUNK_NS = NANOSECONDS // 2
-"""A chunk is written at the latest after this wall time. A killed server loses at most that."""
-
-CLOSE_TIMEOUT_S = 5.0
-"""Wall time in which the writer must make progress at the end, however much is left to write."""
-_DRAIN_S = 0.1
-_BACKPRESSURE_S = 0.002
 
 
 class Recorder:

@@ -1,4 +1,7 @@
-"""Writes the MCAP file of a recording, in the format that `uwserver.recording.format` describes."""
+"""Writes the MCAP file of a recording, in the format that `uwserver.recording.format` describes.
+
+`FoxgloveChannels` makes additional channels that Foxglove, Lichtblick and rerun show without set-up. A replay ignores them.
+"""
 
 from __future__ import annotations
 
@@ -25,6 +28,16 @@ from uwserver.scenario.scene.scenery import Scenery
 from uwserver.world.world import World
 
 log = logging.getLogger(__name__)
+
+MAX_CHANNELS = 65_535
+"""Largest number of channels; MCAP has 16 bits for their numbers."""
+TOGETHER = 512
+"""Number of samples that are encoded in one go."""
+_SEQUENCE = 0xFFFFFFFF
+"""MCAP has 32 bits for the sequence number; the message itself contains the whole number."""
+_PLAIN = frozenset(("float", "int", "bool"))
+CHUNK_BYTES = 256 * 1024
+"""A chunk is written as soon as it reaches this size."""
 
 
 class FoxgloveChannels:
@@ -69,17 +82,6 @@ class FoxgloveChannels:
     def _newest_water(self) -> WaterView:
         assert self._water is not None, "the first presence contains the water"
         return self._water
-
-
-MAX_CHANNELS = 65_535
-"""Largest number of channels; MCAP has 16 bits for their numbers."""
-TOGETHER = 512
-"""Number of samples that are encoded in one go."""
-_SEQUENCE = 0xFFFFFFFF
-"""MCAP has 32 bits for the sequence number; the message itself contains the whole number."""
-_PLAIN = frozenset(("float", "int", "bool"))
-CHUNK_BYTES = 256 * 1024
-"""A chunk is written as soon as it reaches this size."""
 
 
 class TooManyChannels(Exception):

@@ -16,7 +16,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from uwserver.ports import EntityList, Event, OnReply, Refused, Reply, Sample, SceneState, WaterView
+from uwserver.ports import EntityList, Event, Fault, OnReply, Reply, Sample, SceneState, WaterView
 from uwserver.ports.crossing import TickOutput
 from uwserver.recording.player.chunks import McapMessage, NotPlayable
 from uwserver.recording.player.messages import Item
@@ -112,10 +112,9 @@ class Deck:
             self.failure = f"an internal fault stopped the player: {error}"
             log.exception("the player failed")
             self._bus.say(Event("diverged", self.world.tick, self.world.t_ns, self.failure))
-        refused = Refused("shutdown", "the server is shutting down")
         while (steered := self._steering.take()) is not None:
             steered.action()
-        self._abort(self._goals, refused.fault.text)
+        self._abort(self._goals, "the server is shutting down")
         self._refuse_posted()
         self.track.close()
 
@@ -339,5 +338,4 @@ class Deck:
         """End requests that wait for a tick; those that have ended already are ignored."""
         for goal in [goal for goal in goals if goal in self._goals]:
             self._goals.remove(goal)
-            fault = Refused("preempted", why).fault
-            self._bus.reply(goal.on_reply, Reply(self.world.tick, self.world.t_ns, fault=fault))
+            self._bus.reply(goal.on_reply, Reply(self.world.tick, self.world.t_ns, fault=Fault("preempted", why)))

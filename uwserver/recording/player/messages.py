@@ -16,6 +16,9 @@ from uwserver.recording.states import Body
 
 Type = Literal["sample", "event", "jump", "state"]
 
+_PLAYED_EVENTS: Final = ("conflict", "watchdog", "fault", "autopilot", "ports_changed")
+"""Events that are played. Those about the clock and the server belong to the server that recorded them."""
+
 
 class Place(NamedTuple):
     """The place of a message: number of its chunk, and its index in the chunk."""
@@ -57,10 +60,6 @@ class Item(NamedTuple):
     t_ns: int
     type: Type
     message: McapMessage
-
-
-_PLAYED_EVENTS: Final = ("conflict", "watchdog", "fault", "autopilot", "ports_changed")
-"""Events that are played. Those about the clock and the server belong to the server that recorded them."""
 
 
 class ChannelReader:

@@ -13,6 +13,9 @@ from uwserver.simulation.thread import CLOCK_SERVICES
 from uwserver.units import NANOSECONDS
 from uwserver.world.stepping.commands import ActuatorSlot
 
+DEFAULT = -1
+"""Value of an argument that leaves a setting as it is."""
+
 
 @dataclass(frozen=True)
 class _Vehicle:
@@ -76,9 +79,6 @@ def members_of(scene: Scene) -> Mapping[str, _Member]:
     return {body.name: _Member(_Vehicle(body.model)) for body in scene.bodies}
 
 
-DEFAULT = -1
-"""Value of an argument that leaves a setting as it is."""
-_T = "simulation time of the recording"
 PLAYBACK_SERVICES = (
     Service("playback/pause", "Pause, like world/pause."),
     Service("playback/resume", "Resume, like world/resume; at the end of the recording playback begins again."),
@@ -86,7 +86,7 @@ PLAYBACK_SERVICES = (
         "playback/seek",
         "Go to a time. An event reset announces it, and each port gives its last sample before that time.",
         (
-            Argument("t_s", "float", _T, "s", minimum=0.0, maximum=1e9),
+            Argument("t_s", "float", "simulation time of the recording", "s", minimum=0.0, maximum=1e9),
             Argument("run", "int", "which run between resets; default: the current", required=False, default=DEFAULT, minimum=-1, maximum=1e9),
         ),
     ),

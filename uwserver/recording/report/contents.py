@@ -23,6 +23,14 @@ _JITTER_M = 0.005
 """A step counts as motion only if it leads this far from the end of the last step, so that jitter adds no distance."""
 _JOULES_PER_WH = 3600.0
 
+_MARGIN = 0.25
+"""Margin around the tracks, as a part of their extent."""
+_LEAST_M = 10.0
+"""Half the side of the smallest map."""
+_NARROWEST = 0.6
+"""Smallest ratio of the shorter to the longer side of the map."""
+_TRACK_POINTS = 2500
+
 
 @dataclass(frozen=True)
 class VehicleSummary:
@@ -123,15 +131,6 @@ def _battery(series: Series) -> list[Row]:
     if len(charge):
         rows.append(("charge left", f"{float(charge[-1]):.1%}"))
     return rows
-
-
-_MARGIN = 0.25
-"""Margin around the tracks, as a part of their extent."""
-_LEAST_M = 10.0
-"""Half the side of the smallest map."""
-_NARROWEST = 0.6
-"""Smallest ratio of the shorter to the longer side of the map."""
-_TRACK_POINTS = 2500
 
 
 @dataclass(frozen=True)

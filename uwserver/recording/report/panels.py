@@ -1,4 +1,4 @@
-"""Computes the plots over time of a report, for pages and pictures alike."""
+"""Computes the plots over time of a report, for pages and pictures alike, and reduces their samples to the points that a screen can show."""
 
 from __future__ import annotations
 
@@ -20,6 +20,9 @@ _COLUMNS = 1200
 _EXACT = 1e-5
 """Smaller errors of a sensor without configured errors, in the unit of the sensor, are rounding errors and are not drawn."""
 _TURN_DEG = deg(2.0 * np.pi)
+
+PIXELS = 900
+"""Width of a plot; twice as many points are kept."""
 
 
 @dataclass(frozen=True)
@@ -349,10 +352,6 @@ def _error(vehicle: str, error: SensorError) -> Panel:
     return Panel(
         vehicle, "Errors against the truth", title, error.unit, tuple(tables), band=error.sigma is not None, note=note
     )
-
-
-PIXELS = 900
-"""Width of a plot; twice as many points are kept."""
 
 
 def decimated(t: FloatArray, y: FloatArray, pixels: int = PIXELS) -> tuple[FloatArray, FloatArray]:

@@ -1,4 +1,7 @@
-"""Reads a recording into columns of numbers, for a report. It reads each part once, and can read a file that has no end."""
+"""Reads a recording into columns of numbers, for a report. It reads each part once, and can read a file that has no end.
+
+Echoes of sonars, also those in pictures, become one row per ping.
+"""
 
 from __future__ import annotations
 
@@ -48,6 +51,13 @@ _ECHOES: Mapping[str, Mapping[str, int]] = {
     "SideScan": {"port": 1, "starboard": 1},
 }
 """Number of dimensions of the fields that contain echoes over range, by the standard message of the sonar."""
+
+IntArray = npt.NDArray[np.int64]
+MOST_EVENTS = 20_000
+"""Largest number of events in a report."""
+_LATEST_NS = 10**9 * NANOSECONDS
+"""32 years; a message with a later time is damaged."""
+_TYPES = {"number": "float", "integer": "int", "boolean": "bool", "string": "str", "object": "bytes"}
 
 
 class Column(ABC):
@@ -108,16 +118,6 @@ def columns_of(message: str, fields: Mapping[str, Field]) -> Iterator[tuple[str,
             yield name, Numbers(described.size)
         elif name in echoes and described.type != "str":
             yield name, Echoes(echoes[name])
-
-
-IntArray = npt.NDArray[np.int64]
-
-MOST_EVENTS = 20_000
-"""Largest number of events in a report."""
-
-_LATEST_NS = 10**9 * NANOSECONDS
-"""32 years; a message with a later time is damaged."""
-_TYPES = {"number": "float", "integer": "int", "boolean": "bool", "string": "str", "object": "bytes"}
 
 
 @dataclass(frozen=True)

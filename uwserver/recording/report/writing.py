@@ -26,6 +26,17 @@ from uwserver.recording.report.contents import Contents, Track, contents_of
 from uwserver.recording.report.panels import Panel, Picture, Table, decimated
 from uwserver.recording.report.reading import FloatArray, read_recording
 
+_HERE = Path(__file__).parent
+_EXPORT = re.compile(r"^export \{ (\w+) as default \};\s*$", re.MULTILINE)
+_EXPORTED = re.compile(r"^export (?=function|const|class)", re.MULTILINE)
+_ESCAPED = {
+    b"<": b"\\u003c",
+    b">": b"\\u003e",
+    b"&": b"\\u0026",
+    "\u2028".encode(): b"\\u2028",
+    "\u2029".encode(): b"\\u2029",
+}
+
 
 def report_of(path: Path, vehicles: Collection[str] = ()) -> Contents:
     """Read a recording and return the contents of its report.
@@ -68,18 +79,6 @@ def _replaced(path: Path, write: Callable[[Path], int]) -> int:
             beside.unlink(missing_ok=True)
         raise
     return result
-
-
-_HERE = Path(__file__).parent
-_EXPORT = re.compile(r"^export \{ (\w+) as default \};\s*$", re.MULTILINE)
-_EXPORTED = re.compile(r"^export (?=function|const|class)", re.MULTILINE)
-_ESCAPED = {
-    b"<": b"\\u003c",
-    b">": b"\\u003e",
-    b"&": b"\\u0026",
-    "\u2028".encode(): b"\\u2028",
-    "\u2029".encode(): b"\\u2029",
-}
 
 
 def page(contents: Contents) -> str:
