@@ -1,6 +1,6 @@
 """Contacts of solid things: exact where they touch, a pure function of the poses, blind to the edges inside a smooth surface.
 
-Also of uwserver.physics.collision.finding.
+Also of uwserver.physics.collision.contacts.
 """
 
 from __future__ import annotations

@@ -24,7 +24,9 @@ def test_the_folder_is_named_after_the_sources() -> None:
     assert cache_state.folder is None or cache_state.folder.name.startswith(f"kernels-{made_of(PACKAGE / 'physics')}-")
 
 
-@pytest.mark.parametrize("kernel", ["dynamics/appendage_forces.py", "contact/solver.py", "rays/hits.py", "kernel/layout.py"])
+@pytest.mark.parametrize(
+    "kernel", ["dynamics/appendage_forces.py", "contact/solver.py", "rays/hits.py", "kernel/layout.py"]
+)
 def test_an_edited_kernel_gets_a_new_cache(physics: Path, kernel: str) -> None:
     source = physics / kernel
     source.write_text(source.read_text() + "\nEDITED = 1\n")
