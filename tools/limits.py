@@ -9,7 +9,7 @@ from uwserver_adapters.mavlink.wire import channel, json_form
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.bridge import calls
 from uwserver_adapters.moos.config import MoosDbConfig, MoosTextConfig
-from uwserver_adapters.moos.db import database, guests, patterns
+from uwserver_adapters.moos.db import database, guests, variable
 from uwserver_adapters.moos.text import lines
 from uwserver_adapters.morse import connections, grammar
 from uwserver_adapters.morse.config import MorseConfig
@@ -261,7 +261,7 @@ def _moos() -> Iterator[Row]:
         "disconnected",
     )
     yield "`moosdb`: kept mail, filters of a client", f"{_bytes(database.KEPT_BYTES)}, {database.FILTERS}", "refused"
-    stars = f"{database.FILTERS_OF_ALL}: each counts 1 and for each `*` 1, with a `?` {patterns.MARKED}"
+    stars = f"{database.FILTERS_OF_ALL}: each counts 1 and for each `*` 1, with a `?` {variable.MARKED}"
     yield "`moosdb`: filters of all clients", stars, "refused"
     yield "`moosdb`: variables in a summary, and variables of each client", str(database.LISTED), "left out"
     yield "`moos_text`: clients", _setting(MoosTextConfig, "max_clients"), "disconnected"

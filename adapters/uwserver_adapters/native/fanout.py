@@ -100,8 +100,6 @@ class Jpegs:
                 fill(messages.get(frame))
 
 
-log = logging.getLogger(__name__)
-
 CACHED_PATTERNS = 64
 """Patterns whose ports or description are remembered. They are bounded because clients choose them."""
 COVERED = 2048

@@ -13,9 +13,9 @@ from types import TracebackType
 from typing import TypeVar
 
 from uwclient import verbs
-from uwclient.async_link import AsyncDial, AsyncLink, dial_stream
 from uwclient.base import SessionView
 from uwclient.errors import CallRefused, ConnectionLost, ProtocolError, Timeout
+from uwclient.link import AsyncDial, AsyncLink, dial_stream
 from uwclient.ports import Ack, Description, Sample, Subscription
 from uwclient.session import (
     POLL_S,

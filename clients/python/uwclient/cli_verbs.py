@@ -7,18 +7,115 @@ import contextlib
 import dataclasses
 import itertools
 import json
+import statistics
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 from uwclient import live
 from uwclient.buffers import Buffer, as_text
 from uwclient.errors import Timeout, UwError
 from uwclient.figure import draw, require_matplotlib
-from uwclient.ports import Progress, Sample
-from uwclient.rates import rate
+from uwclient.ports import Field, Port, Progress, Sample, Service
 from uwclient.sync import Client
-from uwclient.topics import listing
+
+
+def listing(ports: Sequence[Port], services: Sequence[Service], whole: bool = False) -> Iterator[str]:
+    """Yield lines for people.
+
+    Args:
+        ports: ports of the server.
+        services: services of the server.
+        whole: whether each service gets a line with its arguments; otherwise those of equal components share a line.
+    """
+    owners = list(
+        dict.fromkeys(path.partition("/")[0] for path in [p.path for p in ports] + [s.path for s in services])
+    )
+    owners.sort(key=lambda owner: owner == "world")  # vehicles first
+    for owner in owners:
+        own_ports = [port for port in ports if port.path.startswith(f"{owner}/")]
+        own_services = [service for service in services if service.path.startswith(f"{owner}/")]
+        yield owner
+        for port in sorted(own_ports, key=lambda port: port.direction != "sensor"):
+            yield f"  {_port_line(port)}"
+        for line in map(_service_line, own_services) if whole else _folded(owner, own_services):
+            yield f"  {line}"
+    if services and not whole:
+        yield "--services shows the arguments of services, --json shows everything."
+
+
+def _port_line(port: Port) -> str:
+    rate_hz = f"{port.rate_hz:g} Hz" if port.rate_hz else "-"
+    fields = ", ".join(_field(field) for field in port.fields)
+    return f"{port.path:30} {port.direction:9} {rate_hz:8} {fields}"
+
+
+def _field(field: Field) -> str:
+    shape = "x".join("n" if size < 0 else str(size) for size in field.shape)
+    shape = " ".join(filter(None, (field.dtype, shape)))
+    return field.name + (f"[{shape}]" if shape else "") + (f" {field.unit}" if field.unit not in ("", "1") else "")
+
+
+def _service_line(service: Service) -> str:
+    arguments = ", ".join(entry.name if entry.required else f"[{entry.name}]" for entry in service.arguments)
+    return f"{service.path:30} {'service':9} {'-':8} {arguments}".rstrip()
+
+
+def _folded(owner: str, services: Sequence[Service]) -> Iterator[str]:
+    """Yield a line for the services of each component; components with the same services share a line."""
+    names: dict[str, list[str]] = {}
+    for service in services:
+        component, _, name = service.path.removeprefix(f"{owner}/").rpartition("/")
+        names.setdefault(component, []).append(name)
+    alike: dict[tuple[str, ...], list[str]] = {}
+    for component, own in names.items():
+        alike.setdefault(tuple(own), []).append(component)
+    for own_names, components in alike.items():
+        which = ",".join(components)
+        place = f"{owner}/{{{which}}}/" if len(components) > 1 else f"{owner}/{which}/".replace("//", "/")
+        yield f"{place} services: {', '.join(own_names)}"
+
+
+@dataclass(frozen=True)
+class Rate:
+    """Figures of one port. They are None if there are fewer than two instants.
+
+    Attributes:
+        port: path of the port.
+        samples: number of samples that came.
+        sim_hz: rate in simulation time.
+        wall_hz: rate of arrivals in wall time.
+        sim_jitter_ms: standard deviation of the period in simulation time.
+        wall_jitter_ms: standard deviation of the period between arrivals.
+        drops: samples that are missing by gaps of `seq`, because they were lost, or left out by a rate limit.
+    """
+
+    port: str
+    samples: int
+    sim_hz: float | None
+    wall_hz: float | None
+    sim_jitter_ms: float | None
+    wall_jitter_ms: float | None
+    drops: int
+
+
+def rate(port: str, arrivals: Sequence[tuple[float, Sample]]) -> Rate:
+    """Return the figures of a port's samples, each with its time of arrival on a wall clock, s."""
+    sim_hz, sim_jitter_ms = _regularity([sample.time_s for _, sample in arrivals])
+    wall_hz, wall_jitter_ms = _regularity([arrival for arrival, _ in arrivals])
+    sequence = [sample.seq for _, sample in arrivals]
+    # A sequence goes back after a reset or a restart of the server; this is no loss.
+    drops = sum(max(later - earlier - 1, 0) for earlier, later in zip(sequence, sequence[1:]))
+    return Rate(port, len(arrivals), sim_hz, wall_hz, sim_jitter_ms, wall_jitter_ms, drops)
+
+
+def _regularity(times_s: Sequence[float]) -> tuple[float | None, float | None]:
+    periods = [later - earlier for earlier, later in zip(times_s, times_s[1:])]
+    total = sum(periods)
+    if not periods or total <= 0:
+        return None, None
+    return len(periods) / total, statistics.pstdev(periods) * 1e3
 
 
 def topics(client: Client, options: argparse.Namespace) -> None:

@@ -8,9 +8,9 @@ import sys
 import numpy as np
 import pytest
 from uwclient.checks import command_value
+from uwclient.cli_verbs import rate
 from uwclient.errors import CallRefused, ProtocolError, UwError
 from uwclient.ports import Description, Port, Sample, Service, matches
-from uwclient.rates import rate
 from uwclient_fake_server import DEPTH, IMU, SERVICES, THRUSTERS, sample
 
 PORTS = Description.from_wire({"ports": [IMU, DEPTH, THRUSTERS], "services": SERVICES}).ports

@@ -22,7 +22,7 @@ import rooms
         ("adapters/uwserver_adapters/mavlink/wire/codec.py", ("tests/unit/adapters/mavlink/wire",)),
         ("adapters/uwserver_adapters/__init__.py", ()),
         ("bench/uwserver_bench/against/intervals.py", ("tests/unit/bench/against/test_intervals.py", "tests/unit/bench/against")),
-        ("clients/python/uwclient/rates.py", ("tests/unit/client",)),
+        ("clients/python/uwclient/cli_verbs.py", ("tests/unit/client",)),
         ("clients/web/main.js", ("tests/unit/adapters/web",)),
         ("clients/c/client.c", ()),
         ("scenarios/uwserver_scenarios/vehicles/remus100.toml", ("tests/unit/scenario",)),

@@ -16,21 +16,72 @@ from uwserver.adapter import (
     vehicle_of,
     vehicles_of,
 )
-from uwserver.ports import Event, Fault, Field, Port, Progress, Refused, Reply, Sample, matches
-from uwserver_adapters.moos.bridge.acomms import Acomms
+from uwserver.ports import Buffer, Event, Fault, Field, Port, Progress, Refused, Reply, Sample, matches
 from uwserver_adapters.moos.bridge.calls import Answer, Calls
 from uwserver_adapters.moos.bridge.mixing import Mixer
 from uwserver_adapters.moos.bridge.names import Outlet, given, number, variable
 from uwserver_adapters.moos.bridge.navigation import Decimator, Navigation
 from uwserver_adapters.moos.bridge.pilot import Pilot
 from uwserver_adapters.moos.bridge.quota import Faults, Quota
-from uwserver_adapters.moos.bridge.report import APPCAST, APPCAST_REQUEST, AppCasts, Pace
-from uwserver_adapters.moos.bridge.reports import NodeReports
+from uwserver_adapters.moos.bridge.report import APPCAST, APPCAST_REQUEST, AppCasts, NodeReports, Pace
 from uwserver_adapters.moos.bridge.usm import ELSEWHERE, FREE, MOMENTARY, UsmInputs
 from uwserver_adapters.moos.clock import CREDIBLE_S
 from uwserver_adapters.moos.codec import Fix, seconds
 from uwserver_adapters.moos.config import BridgeTable
 from uwserver_adapters.moos.wire import TEXT_LIMIT, readable
+
+DESTINATION, TEXT, BINARY = "ACOMMS_TRANSMIT_DEST", "ACOMMS_TRANSMIT_DATA", "ACOMMS_TRANSMIT_DATA_BINARY"
+SOURCE_ID, DEST_ID, DATA = "ACOMMS_RECEIVED_SOURCE_ID", "ACOMMS_RECEIVED_DEST_ID", "ACOMMS_RECEIVED_DATA"
+
+
+class Acomms:
+    """The acoustic modem of a vehicle. It sends to the last destination that was written, or to all.
+
+    Attributes:
+        names: variables that mean something here; none without a modem.
+        received, send: paths of the modem's ports; "" without a modem.
+    """
+
+    def __init__(self) -> None:
+        self._destination: float | None = None
+        self.find({}, "")
+
+    def find(self, ports: Mapping[str, Port], vehicle: str) -> None:
+        """Look for the first acoustic modem of a vehicle; "" stands for no vehicle."""
+        found = [p for p in ports.values() if p.message == "AcousticPacket" and p.path.startswith(f"{vehicle}/")]
+        port = next((port for port in found if vehicle and port.direction == "sensor"), None)
+        self.names = () if port is None else (DESTINATION, TEXT, BINARY)
+        self.received = "" if port is None else port.path
+        self.send = "" if port is None else port.path.removesuffix("received") + "send"
+        self._fields = () if port is None else tuple([field.name for field in port.fields])
+
+    def hear(self, name: str, value: float | str | bytes) -> dict[str, object] | None:
+        """Return the command that a variable causes; None for a destination, which is only kept.
+
+        Raises:
+            Refused: a text as destination, or a number as data.
+        """
+        if name == DESTINATION:
+            if not isinstance(value, float | int):
+                raise Refused("bad_argument", f"{DESTINATION} must be a number: an address, or -1 for all", name)
+            self._destination = None if value < 0 else float(value)
+            return None
+        if isinstance(value, float | int):
+            raise Refused("bad_argument", f"{name} must be a text, not a number: there is nothing to send", name)
+        data = value.encode() if isinstance(value, str) else value
+        return {"data": data} if self._destination is None else {"data": data, "destination": self._destination}
+
+    def pairs(self, sample: Sample) -> list[tuple[str, float | str]]:
+        """Return the variables of a message that was received: the data last, after all that describes them. Bytes that are no printable ASCII text
+        become JSON."""
+        told = dict(zip(self._fields, sample.value, strict=True))
+        data = told["data"]
+        if told["event"] != "data" or not isinstance(data, Buffer):
+            return []
+        text = data.data.decode("latin-1")
+        plain = text if text.isascii() and text.isprintable() else msgspec.json.encode(data).decode()
+        return [(SOURCE_ID, float(str(told["source"]))), (DEST_ID, float(str(told["destination"]))), (DATA, plain)]
+
 
 Pairs = Sequence[tuple[str, float | str]]
 

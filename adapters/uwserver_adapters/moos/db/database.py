@@ -9,8 +9,7 @@ from msgspec.structs import replace
 
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.bridge.quota import FAULTS_PER_S, Quota
-from uwserver_adapters.moos.db.patterns import fits, work
-from uwserver_adapters.moos.db.variable import Client, Letter, Subscription, Variable
+from uwserver_adapters.moos.db.variable import Client, Letter, Subscription, Variable, fits, work
 from uwserver_adapters.moos.wire import MoosMessage
 
 NAME_LIMIT = 256

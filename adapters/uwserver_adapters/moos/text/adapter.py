@@ -1,17 +1,80 @@
-"""The adapter `moos_text`: MOOS variables as lines of text, on TCP and on a serial line."""
+"""The adapter `moos_text`: MOOS variables as lines of text, on TCP, and on a serial line or pseudo-terminal."""
 
 from __future__ import annotations
 
 import asyncio
 
-from uwserver.adapter import HIGH_WATER, AdapterBase, AdapterContext, Connection, Peers, address_text, serve_tcp
+from uwserver.adapter import (
+    HIGH_WATER,
+    AdapterBase,
+    AdapterContext,
+    Connection,
+    InputTurns,
+    Peers,
+    SerialPort,
+    address_text,
+    serve_tcp,
+)
 from uwserver.ports import Fault
 from uwserver_adapters.moos.bridge.bridge import ERROR
 from uwserver_adapters.moos.config import MoosTextConfig
 from uwserver_adapters.moos.db.local import OWN_NAME, RIVAL, LocalClient
 from uwserver_adapters.moos.text.lines import error_line
-from uwserver_adapters.moos.text.serial_line import SerialLine
 from uwserver_adapters.moos.text.session import TextSession, Users
+
+LINE_UNREAD_S = 0.05
+"""Wall time before a listing goes on of which too much waits for the line."""
+FULL = 1 << 14
+"""Bytes that may wait for the line before a listing pauses."""
+
+
+class SerialLine:
+    """The one user of a device that may come and go. QUIT ends the session; the next one begins when the device is opened again.
+
+    Args:
+        path: of the device. Its speed stays as the system has set it (`stty`).
+        users: all users.
+
+    Attributes:
+        port: the device.
+    """
+
+    def __init__(self, path: str, users: Users) -> None:
+        self._path = path
+        self._users = users
+        self._session: TextSession | None = None
+        self.port = SerialPort(path, users.context, opened=self._begin, received=self._take, closed=self._end)
+        self._turns = InputTurns(self._step, self.port.pause, self.port.resume)
+
+    def _begin(self) -> None:
+        self._session = TextSession(self._users, f"serial {self._path}", self._send, self.port.close)
+
+    def _end(self) -> None:
+        session, self._session = self._session, None
+        self._turns.stop()
+        if session is not None:
+            session.close()
+
+    def _take(self, data: bytes) -> None:
+        if self._session is not None:
+            self._session.receive(data)
+        self._turns.begin()
+
+    def _step(self) -> bool:
+        """Carry out the next stored line, or the next piece of one."""
+        session = self._session
+        if session is not None and session.is_busy and self.port.waiting > FULL:
+            self._turns.rest(LINE_UNREAD_S)
+            return False
+        return session is not None and session.step()
+
+    def _send(self, line: str) -> None:
+        data = line.encode("utf-8", "replace") + b"\r\n"
+        if self.port.write(data):
+            self._users.context.stats.bytes_sent += len(data)
+        else:
+            self._users.context.stats.dropped += 1
+
 
 UNREAD_S = 0.01
 """Wall time before a listing goes on whose user had not read what was sent."""

@@ -17,8 +17,7 @@ from uwserver_adapters.moos.clock import DatabaseClock
 from uwserver_adapters.moos.codec import finite
 from uwserver_adapters.moos.config import MoosTextConfig
 from uwserver_adapters.moos.db.database import DELIVERED, NAME_LIMIT, PIECE, Database
-from uwserver_adapters.moos.db.patterns import glob, is_pattern, work
-from uwserver_adapters.moos.db.variable import Letter
+from uwserver_adapters.moos.db.variable import Letter, glob, is_pattern, work
 from uwserver_adapters.moos.text.lines import LineDecoder, Malformed, Verb, Write, error_line, pair_line, reply_line
 
 SPENT = 3 * PIECE

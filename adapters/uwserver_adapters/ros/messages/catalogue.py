@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 from uwserver.adapter import AdapterContext
 from uwserver.ports import Port
-from uwserver_adapters.ros.messages import acoustic, codec, motion, onboard, water
+from uwserver_adapters.ros.messages import acoustic, codec, motion, onboard
 from uwserver_adapters.ros.messages.actions import Action, actions
 from uwserver_adapters.ros.messages.commands import CommandTopic, command_topics
 from uwserver_adapters.ros.messages.generated import generated
+from uwserver_adapters.ros.messages.motion import static_transforms
 from uwserver_adapters.ros.messages.ros_port import Facts, RosPort, SensorTopic
 from uwserver_adapters.ros.messages.services import Offer, offers
 from uwserver_adapters.ros.messages.settings import Setting, settings
 from uwserver_adapters.ros.messages.simulation import simulation
-from uwserver_adapters.ros.messages.transforms import static_transforms
 from uwserver_adapters.ros.messages.types import Types
 
 MESSAGES: Mapping[str, Callable[[RosPort], Iterator[SensorTopic]]] = {
@@ -26,7 +26,7 @@ MESSAGES: Mapping[str, Callable[[RosPort], Iterator[SensorTopic]]] = {
     "BatteryState": onboard.battery,
     "TimeReference": onboard.clock,
     "Contact": onboard.contact,
-    "Ctd": water.ctd,
+    "Ctd": onboard.ctd,
     "Dvl": acoustic.dvl,
     "NavSatFix": codec.gps,
     "Imu": motion.imu,
@@ -35,13 +35,13 @@ MESSAGES: Mapping[str, Callable[[RosPort], Iterator[SensorTopic]]] = {
     "MagneticField": motion.magnetometer,
     "Pose": motion.motion_capture,
     "SonarImage": acoustic.multibeam,
-    "FluidPressure": water.pressure,
+    "FluidPressure": onboard.pressure,
     "SonarProfile": acoustic.profiler,
     "LaserScan": onboard.range_array,
     "ShaftSpeeds": onboard.rpm,
     "SonarPing": acoustic.scanning_sonar,
     "SideScan": acoustic.side_scan,
-    "SoundSpeed": water.sound_speed,
+    "SoundSpeed": onboard.sound_speed,
     "TrueAcceleration": motion.truth_acceleration,
     "TruePose": motion.truth_pose,
     "TrueVelocity": motion.truth_velocity,

@@ -1,18 +1,18 @@
-"""Motion sensors: IMU, magnetometer, motion capture, the autopilot's estimate, and ground truth of a body."""
+"""Motion sensors: IMU, magnetometer, motion capture, the autopilot's estimate, and ground truth of a body. Mounts as transforms."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
 
-from uwserver.frames import IDENTITY, rotate
+from uwserver.frames import IDENTITY, Quat, rotate
 from uwserver.ports import Sample
-from uwserver_adapters.ros.messages.frames import attitude, enu, flu
-from uwserver_adapters.ros.messages.ros_port import RosPort, SensorTopic, diagonal, is_whole, unknown
-from uwserver_adapters.ros.messages.types import LAST_NS
+from uwserver_adapters.ros.messages.frames import BEAM, SONAR, attitude, enu, flu, mounted, mounted_unflipped
+from uwserver_adapters.ros.messages.ros_port import Facts, RosPort, SensorTopic, diagonal, is_whole, ros_name, unknown
+from uwserver_adapters.ros.messages.types import LAST_NS, Types
 
 _NAN3 = (float("nan"),) * 3
 _EXACT = np.zeros(36)
@@ -268,3 +268,48 @@ def estimate(ros_port: RosPort) -> Iterator[SensorTopic]:
     yield SensorTopic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", path, diagnostics)
     if ros_port.facts.tf == "estimate":
         yield SensorTopic("/tf", "tf2_msgs/msg/TFMessage", path, ros_port.complete(where, tf))
+
+
+_FSD: tuple[tuple[str, Quat], ...] = (("_fsd", (1.0, 0.0, 0.0, 0.0)),)
+_FRAMES: dict[str, tuple[tuple[str, Quat], ...]] = {
+    "Dvl": (*_FSD, ("_beam", BEAM)),
+    "Range": (("_beam", BEAM),),
+    "SonarPing": (("_sonar", SONAR),),
+    "SonarImage": (("_sonar", SONAR),),
+    "SideScan": _FSD,
+    "Bathymetry": _FSD,
+    "SonarProfile": _FSD,
+}
+"""Standard message of a sensor -> further frames that its messages name: suffix, and attitude in S."""
+
+
+def static_transforms(
+    types: Types, facts: Facts, sensors: Iterable[tuple[str, str]], vehicles: Iterable[str]
+) -> object:
+    """Return a TFMessage with the frames of all sensors whose mount is known.
+
+    Args:
+        types: message types of the distribution.
+        facts: what is the same for all topics, with the mounts.
+        sensors: path of each sensor, and the standard message that its fields fit.
+        vehicles: names of the vehicles that have an autopilot: their frame odom equals map, as their estimate starts there.
+    """
+    made = []
+    for path, message in sensors:
+        mount = facts.mounts.get(path)
+        if mount is not None:
+            frame = ros_name(path)
+            base, place = f"{frame.split('/')[0]}/base_link", flu(mount.p)
+            made.append(_transform(types, facts, base, frame, place, mounted(mount.q)))
+            for suffix, q in _FRAMES.get(message, ()):
+                made.append(_transform(types, facts, base, frame + suffix, place, mounted_unflipped(mount.q, q)))
+    for vehicle in vehicles:
+        made.append(_transform(types, facts, "map", f"{ros_name(vehicle)}/odom", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)))
+    return types.make("tf2_msgs/msg/TFMessage", transforms=made)
+
+
+def _transform(types: Types, facts: Facts, parent: str, child: str, p: object, q: object) -> object:
+    return types.make(
+        "geometry_msgs/msg/TransformStamped", header=types.header(facts.epoch_ns, parent), child_frame_id=child,
+        transform=types.make("geometry_msgs/msg/Transform", translation=types.vector(p), rotation=types.quaternion(q)),
+    )  # fmt: skip

@@ -6,7 +6,7 @@ import math
 
 import pytest
 from uwserver_adapters.moos.bridge.bridge import ERROR, Bridge
-from uwserver_adapters.moos.bridge.reports import LONGEST, pose_command, read_report
+from uwserver_adapters.moos.bridge.report import LONGEST, pose_command, read_report
 from uwserver_adapters.moos.config import BridgeTable
 
 from uwserver.frames import quat_from_rpy

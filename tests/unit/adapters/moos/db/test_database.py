@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.db import database as module
 from uwserver_adapters.moos.db.database import DELIVERED, FILTERS_OF_ALL, LISTED, NAMES, PIECE, Database
-from uwserver_adapters.moos.db.patterns import glob
+from uwserver_adapters.moos.db.variable import glob
 from uwserver_adapters.moos.wire import MoosMessage
 
 

@@ -10,8 +10,7 @@ from datetime import datetime, timezone
 import msgspec
 import pytest
 from msgspec.structs import replace
-from uwserver_adapters.moos import MoosAdapter, MoosDbAdapter, wire
-from uwserver_adapters.moos.client import adapter, link
+from uwserver_adapters.moos import MoosAdapter, MoosDbAdapter, client, wire
 from uwserver_adapters.moos.clock import DatabaseClock, MoosClock
 from uwserver_adapters.moos.config import BridgeTable, CommunityTable, MoosConfig, MoosDbConfig, NavTable, Target
 from uwserver_adapters.moos.wire import MoosMessage
@@ -130,7 +129,7 @@ async def test_old_commands_that_the_database_kept_are_not_obeyed(database, join
 
 async def test_the_heart_beats_without_samples(database, join, until, monkeypatch):
     monkeypatch.setattr("uwserver_adapters.moos.db.local.TELL_S", 0.05)
-    monkeypatch.setattr(link, "BEAT_S", 0.1)
+    monkeypatch.setattr(client, "BEAT_S", 0.1)
     async with database(client_timeout_s=1.5) as db, join(port_of(db)) as context:
         await until(lambda: context.stats.peers == 1, "joined")
         await asyncio.sleep(2.0)
@@ -198,22 +197,22 @@ async def test_it_greets_as_a_client_does(join, until):
     ],
 )
 async def test_a_peer_that_is_no_database_is_named_and_tried_again(join, until, monkeypatch, answer, text):
-    monkeypatch.setattr(adapter, "CONNECT_S", 0.1)
-    monkeypatch.setattr(adapter, "RETRY_S", 0.01)
+    monkeypatch.setattr(client, "CONNECT_S", 0.1)
+    monkeypatch.setattr(client, "RETRY_S", 0.01)
     async with Peer(answer, answer) as peer, join(peer.port) as context:
         await until(lambda: text in context.stats.last_error and peer.connections > 1, text)
         assert context.stats.peers == 0
 
 
 async def test_a_database_that_falls_silent_is_left(join, until, monkeypatch):
-    monkeypatch.setattr(link, "BEAT_S", 0.05)
+    monkeypatch.setattr(client, "BEAT_S", 0.05)
     async with Peer(WELCOME, WELCOME) as peer, join(peer.port, timeout_s=0.2) as context:
         await until(lambda: peer.connections > 1, "it connects again")
         assert "said nothing for 0.2 s" in context.stats.last_error
 
 
 async def test_a_database_that_reads_nothing_costs_samples_not_memory(join, until, monkeypatch):
-    monkeypatch.setattr(link, "WAITING", 100_000)
+    monkeypatch.setattr(client, "WAITING", 100_000)
 
     async def deaf(reader, writer):
         await reader.read(1000)

@@ -1,1 +1,0 @@
-"""The adapter `moos`: a client of a MOOSDB."""
