@@ -1,4 +1,4 @@
-"""The Earth about the origin of N: geodetic coordinates, magnetic field, gravity and rotation."""
+"""The Earth about the origin of N: geodetic coordinates, magnetic field, gravity and rotation. Also of uwserver.adapter.earth."""
 
 from __future__ import annotations
 
