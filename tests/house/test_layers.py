@@ -46,7 +46,7 @@ def test_imports_point_down():
 
 
 def test_an_import_that_does_not_point_down_is_found():
-    up, beside = "import uwserver.world.part", "def f():\n    from uwserver.actuators import Thrusters"
+    up, beside = "import uwserver.world.parts.part", "def f():\n    from uwserver.actuators import Thrusters"
     assert len(upward([module_of("uwserver.physics.a", up), module_of("uwserver.sensors.a", beside)])) == 2
     assert upward([module_of("uwserver.world.a", "import uwserver.physics.scene, uwserver.world.b, math")]) == []
 

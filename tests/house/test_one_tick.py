@@ -122,7 +122,7 @@ def test_ticks_are_made_by_the_step_alone() -> None:
         what: {module.name for module in modules("uwserver") if _imports(module, f"uwserver.step.{what}")}
         for what in ("tick", "many")
     }
-    loading = {"uwserver.world.kernel_stages"}
+    loading = {"uwserver.world.stepping.kernel_stages"}
     assert importers["tick"] - loading == {"uwserver.world.stepping.stepping", "uwserver.step.many"}
     assert importers["many"] - loading == {"uwserver.copies.steps", "uwserver.copies.commands"}
     loops = [

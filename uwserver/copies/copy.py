@@ -23,7 +23,7 @@ from uwserver.sensors.compiled import CompiledSensor, SensorKernel
 from uwserver.step import rows
 from uwserver.step.rows import DONE
 from uwserver.step.streams import ENTRY
-from uwserver.world.part import Part, State
+from uwserver.world.parts.part import Part, State
 from uwserver.world.sensing.sensor_slot import SensorSlot
 from uwserver.world.stepping.piloting import Piloting
 from uwserver.world.stepping.stepping import next_tick

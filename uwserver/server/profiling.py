@@ -11,7 +11,7 @@ from functools import partial
 
 from uwserver.ports import Argument, OnReply, Refused, Reply, Service
 from uwserver.simulation.thread import Simulation
-from uwserver.world.profile import Profile, Report, Window
+from uwserver.world.parts.profile import Profile, Report, Window
 
 PROFILE = Service(
     "world/profile",

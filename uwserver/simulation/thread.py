@@ -20,7 +20,7 @@ from uwserver.simulation.lockstep import Lockstep
 from uwserver.simulation.mailbox import Mailbox, Steering
 from uwserver.simulation.readers import Readers
 from uwserver.units import NANOSECONDS
-from uwserver.world.profile import Profile, untimed
+from uwserver.world.parts.profile import Profile, untimed
 from uwserver.world.state.saving import in_one_piece
 from uwserver.world.world import Diverged, World
 

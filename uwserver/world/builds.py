@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Sequence
 from uwserver.physics.collision.engine import missing_engine
 from uwserver.physics.kernel import compiled
 from uwserver.physics.kernel.compiled import ENTRY_KERNELS
-from uwserver.world import kernel_stages
+from uwserver.world.stepping import kernel_stages
 
 STAGES = {
     "fins in contact": 12.0, "fins": 12.0, "solids": 18.0, "contact": 10.0, "free": 8.0, "echoes": 4.0, "sea": 4.0,

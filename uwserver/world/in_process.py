@@ -16,7 +16,7 @@ from uwserver.ports.checks import checked_args, checked_command, find
 from uwserver.ports.crossing import Later, Posted, TickOutput
 from uwserver.ports.sample_batch import Samples
 from uwserver.units import NANOSECONDS
-from uwserver.world.part import Carry
+from uwserver.world.parts.part import Carry
 from uwserver.world.sensing.sensing import Sensing
 from uwserver.world.stepping.requests import Requests
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from uwserver.physics import warm as physics
 from uwserver.physics.kernel.compiled import cache_state
-from uwserver.world import kernel_stages
 from uwserver.world.builds import STAGES, prepare, progress, watch_parent
+from uwserver.world.stepping import kernel_stages
 
 COMPILE: dict[str, Callable[[], object]] = physics.COMPILE | {
     stage: partial(kernel_stages.load, stage) for stage in kernel_stages.STAGES

@@ -20,10 +20,10 @@ from uwserver.sensors.others import Sight
 from uwserver.units import NANOSECONDS
 from uwserver.world.bodies.bodies_and_water import Bodies, WaterPart
 from uwserver.world.bodies.members import Member, Population, place_solids
-from uwserver.world.bodies.vehicle import Vehicle
 from uwserver.world.in_process import InProcess
-from uwserver.world.part import Carry, Part, is_awake, schedule_of
-from uwserver.world.profile import Profile, Timer, untimed
+from uwserver.world.parts.part import Carry, Part, is_awake, schedule_of
+from uwserver.world.parts.profile import Profile, Timer, untimed
+from uwserver.world.parts.vehicle import Vehicle
 from uwserver.world.sensing.sensing import Sensing
 from uwserver.world.sensing.sensor_arrays import Around, SensorArrays
 from uwserver.world.sensing.sensor_rows import SensorStream

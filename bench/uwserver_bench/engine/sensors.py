@@ -28,7 +28,7 @@ from uwserver.sensors import (
     SideScanConfig,
 )
 from uwserver.sensors.job import PendingMeasurement
-from uwserver.world.profile import Profile
+from uwserver.world.parts.profile import Profile
 from uwserver.world.world import World
 from uwserver_bench.engine.contact import seabed_mesh
 from uwserver_bench.engine.physics import COMMAND_EVERY, RATE_HZ

@@ -35,7 +35,7 @@ from uwserver.scenario.load.resolved import ResolvedVehicle
 from uwserver.scenario.vehicle.checks import commanded_tables
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import Pose, SensorConfig
-from uwserver.world.part import Carry
+from uwserver.world.parts.part import Carry
 from uwserver.world.sensing.sensor_rows import SensorStream
 from uwserver.world.sensing.sensor_slot import SensorSlot
 from uwserver.world.stepping.commands import ActuatorSlot

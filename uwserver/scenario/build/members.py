@@ -32,14 +32,14 @@ from uwserver.sensors.truth import TRUTH
 from uwserver.sensors.wiring import Electric, Wiring
 from uwserver.units import NANOSECONDS, rad
 from uwserver.world.bodies.members import Member
-from uwserver.world.bodies.vehicle import Vehicle
+from uwserver.world.parts.vehicle import Vehicle
 from uwserver.world.external.body import Difference, External, ExternalState
 from uwserver.world.external.motion import LiveMotion, Moving, RecordedMotion, ShownActuator
 from uwserver.world.external.pose_source import LivePoses, PoseSource, RecordedPoses
 from uwserver.world.external.track import AT_REST, TrackPose
 from uwserver.world.sensing.sensor_rows import SensorStream
 from uwserver.world.sensing.sensor_slot import SensorSlot
-from uwserver.world.services import component_services
+from uwserver.world.state.services import component_services
 from uwserver.world.stepping.commands import ActuatorSlot
 from uwserver.world.world import World
 

@@ -12,7 +12,7 @@ from uwserver.sensors.modem import Modem
 from uwserver.units import NANOSECONDS
 from uwserver.world.modems.medium import Medium
 from uwserver.world.modems.send import Send
-from uwserver.world.part import Carry
+from uwserver.world.parts.part import Carry
 from uwserver.world.sensing.sensor_slot import SensorSlot
 from uwserver.world.stepping.commands import ActuatorSlot
 from uwserver.world.world import World

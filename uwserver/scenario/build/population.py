@@ -32,7 +32,7 @@ from uwserver.sensors import Pose
 from uwserver.units import rad
 from uwserver.world.bodies.members import Member, Population
 from uwserver.world.external.body import External, led_params
-from uwserver.world.part import State
+from uwserver.world.parts.part import State
 from uwserver.world.world import World
 
 MAX_BODIES = MOST_BODIES

@@ -20,8 +20,8 @@ from uwserver.scenario.world.sea import water_of
 from uwserver.units import rad
 from uwserver.world.builds import prepare, progress
 from uwserver.world.faults import Faults, effects
-from uwserver.world.services import offer_world_services
 from uwserver.world.state.saving import offer_state_services
+from uwserver.world.state.services import offer_world_services
 from uwserver.world.world import World
 
 

@@ -22,7 +22,7 @@ from uwserver.scenario.world.checks import check_rate
 from uwserver.scenario.world.earth import WMM_YEARS, instant, year_of
 from uwserver.scenario.world.tables import Environment, WorldTable
 from uwserver.sensors import Pose, Sensor, SensorConfig, SensorTable, Traits
-from uwserver.world.services import SENSOR_SERVICES
+from uwserver.world.state.services import SENSOR_SERVICES
 
 
 def enabled(vehicle: Node, table: str) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from msgspec import Meta
 from uwserver.environment.water import Water
 from uwserver.frames import Vec3
 from uwserver.physics.bodies import Hydrodynamics
-from uwserver.world.part import Part, RandomStream, State
+from uwserver.world.parts.part import Part, RandomStream, State
 
 
 class BodiesState(State, frozen=True):

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from uwserver.physics.dynamics.params import BodyParams
 from uwserver.physics.geometry.shapes import Solid
 from uwserver.ports import Service
-from uwserver.world.bodies.vehicle import Vehicle
-from uwserver.world.part import Carry, Part, is_awake
+from uwserver.world.parts.part import Carry, Part, is_awake
+from uwserver.world.parts.vehicle import Vehicle
 from uwserver.world.sensing.sensor_slot import SensorSlot
 from uwserver.world.stepping.commands import ActuatorSlot
 

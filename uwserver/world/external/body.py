@@ -16,7 +16,7 @@ from uwserver.ports import NOWHERE_M, Field, Sample, Value
 from uwserver.sensors.base import IdealSensor, Scope, blank
 from uwserver.world.external.motion import Bytes, Moving
 from uwserver.world.external.pose_source import PoseSource
-from uwserver.world.part import Stage, Stateless
+from uwserver.world.parts.part import Stage, Stateless
 
 NOTHING_MOVES: Bytes = np.zeros(0, np.int8)
 UNYIELDING_KG = 1e9

@@ -13,7 +13,6 @@ from uwserver.physics.kernel.layout import FREE, STUCK, STUCK_AT
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.ports.checks import shown
 from uwserver.table import with_shared_defaults
-from uwserver.world.bodies.vehicle import Vehicle
 from uwserver.world.faults.table import (
     FaultConfig,
     SensorFrozen,
@@ -24,7 +23,8 @@ from uwserver.world.faults.table import (
     ThrusterWeak,
 )  # fmt: skip
 from uwserver.world.faults.targets import Hull, HullFault, Targets, damaged, refusals
-from uwserver.world.part import Carry, Part, Stage, State
+from uwserver.world.parts.part import Carry, Part, Stage, State
+from uwserver.world.parts.vehicle import Vehicle
 from uwserver.world.world import World
 
 MAX_FAULTS = 256

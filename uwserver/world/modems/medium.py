@@ -21,11 +21,11 @@ from uwserver.sensors.base import Scope, earlier
 from uwserver.sensors.modem import Crossing, Modem
 from uwserver.sensors.modem_memory import MOST_SEEN, ModemReport, Outgoing, Waiting
 from uwserver.units import NANOSECONDS
-from uwserver.world.bodies.vehicle import Vehicle
 from uwserver.world.modems.hearing import Fading, drawn, is_hidden, report_of, why_lost
 from uwserver.world.modems.packets import COMING, MOST_LEGS, MOST_PACKETS, PAST, THERE, Leg, MediumState, Packet
 from uwserver.world.modems.send import Ranging
-from uwserver.world.part import Part, Stage
+from uwserver.world.parts.part import Part, Stage
+from uwserver.world.parts.vehicle import Vehicle
 from uwserver.world.sensing.sensor_slot import SensorSlot
 from uwserver.world.world import World
 

@@ -9,7 +9,7 @@ from msgspec import Meta, Struct
 from uwserver.modifiers.base import Number, Time
 from uwserver.sensors.modem import Signal
 from uwserver.sensors.modem_memory import MOST_BYTES
-from uwserver.world.part import State
+from uwserver.world.parts.part import State
 
 MOST_PACKETS = 1024
 """Most packets in the water at a time. If there are more, the oldest are dropped."""

@@ -11,7 +11,7 @@ import numpy as np
 from uwserver.physics.kernel.arrays import IntArray
 from uwserver.sensors import Scope
 from uwserver.sensors.compiled import CompiledSensor
-from uwserver.world.profile import Timer, kind_of
+from uwserver.world.parts.profile import Timer, kind_of
 from uwserver.world.sensing.sensor_arrays import SensorArrays
 from uwserver.world.sensing.sensor_slot import SensorSlot
 from uwserver.world.sensing.timetable import is_repeated, is_written

@@ -16,8 +16,8 @@ from uwserver.ports.sample_batch import Origin, SampleBatch
 from uwserver.sensors.compiled import CompiledSensor
 from uwserver.step.streams import ENTRY, KEPT, LARGE, LISTENED, NEVER, READ, SMALL
 from uwserver.units import NANOSECONDS
-from uwserver.world.part import Count, Part, State
-from uwserver.world.profile import Timer, untimed
+from uwserver.world.parts.part import Count, Part, State
+from uwserver.world.parts.profile import Timer, untimed
 from uwserver.world.sensing.computing import DROP, wait_for_values
 from uwserver.world.sensing.pending_jobs import PendingJobs
 from uwserver.world.sensing.python_readings import PythonReadings

@@ -25,7 +25,7 @@ from uwserver.sensors.surroundings import place_row, water_arrays
 from uwserver.sensors.voices import VOICE
 from uwserver.sensors.wiring import ELECTRIC, Wiring
 from uwserver.step.streams import COUNTS, DECIMATION, ENTRY, FORMS, NEVER, NO_INTERVAL, STREAM
-from uwserver.world.bodies.vehicle import Vehicle
+from uwserver.world.parts.vehicle import Vehicle
 from uwserver.world.sensing.computing import Computing
 
 _SLOTS = 64

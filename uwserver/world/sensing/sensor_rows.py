@@ -19,7 +19,7 @@ from uwserver.sensors import Sensor
 from uwserver.sensors.acoustic.cross_talk import Sonar
 from uwserver.sensors.compiled import HEAD, CompiledSensor
 from uwserver.step.streams import HELD, STREAM
-from uwserver.world.part import Count, State
+from uwserver.world.parts.part import Count, State
 from uwserver.world.sensing.computing import Loose, wait_for_values
 from uwserver.world.sensing.sensor_arrays import SensorArrays
 

@@ -19,7 +19,7 @@ from uwserver.sensors.compiled import CompiledSensor
 from uwserver.sensors.job import PendingMeasurement
 from uwserver.sensors.wiring import Wiring
 from uwserver.step.streams import HELD
-from uwserver.world.part import Part, read_record, record
+from uwserver.world.parts.part import Part, read_record, record
 from uwserver.world.sensing.computing import Loose, Work
 from uwserver.world.sensing.sensor_arrays import SensorArrays
 from uwserver.world.sensing.sensor_rows import Held, SensorRows, SensorState, SensorStream

@@ -1,1 +1,1 @@
-"""The state of a world: snapshots, saved states in files and messages, and the poses for viewers."""
+"""A world as a whole: its services, snapshots, saved states in files and messages, and the poses for viewers."""

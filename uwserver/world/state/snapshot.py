@@ -11,7 +11,7 @@ from msgspec import Meta, Raw, Struct, msgpack
 from uwserver.physics import PHYSICS
 from uwserver.ports import Refused
 from uwserver.world.bodies.bodies_and_water import Bodies, BodiesState
-from uwserver.world.part import Part, State
+from uwserver.world.parts.part import Part, State
 from uwserver.world.world import World
 
 MAX_BYTES = 16 * 2**20

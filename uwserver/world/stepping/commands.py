@@ -12,7 +12,7 @@ from msgspec import Meta, Struct, structs
 from uwserver.actuators import Actuator
 from uwserver.ports import Command, Fault, Field, Items, Port, Refused
 from uwserver.ports.checks import check_given
-from uwserver.world.part import Count, Part, Stage, State, Stateless, read_record, record
+from uwserver.world.parts.part import Count, Part, Stage, State, Stateless, read_record, record
 
 NEVER = -(10**18)
 """A tick before all others."""

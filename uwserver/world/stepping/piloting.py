@@ -13,8 +13,8 @@ from uwserver.autopilot.state import Remembered
 from uwserver.autopilot.vehicle_spec import Held
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.ports import Sample
-from uwserver.world import kernel_stages
-from uwserver.world.part import Part, State, Stateless
+from uwserver.world.parts.part import Part, State, Stateless
+from uwserver.world.stepping import kernel_stages
 
 
 class PilotState(State, frozen=True):

@@ -9,7 +9,7 @@ from itertools import chain
 from uwserver.ports import Call, Command, Json, Refused, Reply, Service
 from uwserver.ports.checks import check_still
 from uwserver.ports.crossing import Later, Posted, TickOutput
-from uwserver.world.part import Carry
+from uwserver.world.parts.part import Carry
 from uwserver.world.stepping.commands import Commands
 
 log = logging.getLogger(__name__)

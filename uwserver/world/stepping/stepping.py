@@ -9,8 +9,8 @@ from uwserver.physics.kernel.straight import straight
 from uwserver.ports import Sample
 from uwserver.step import rows
 from uwserver.step.streams import NEVER
-from uwserver.world.part import Before, Part, PartSchedule
-from uwserver.world.profile import Profile, kind_of
+from uwserver.world.parts.part import Before, Part, PartSchedule
+from uwserver.world.parts.profile import Profile, kind_of
 from uwserver.world.sensing.timetable import needs_of
 from uwserver.world.stepping.step_table import LONGEST, StepTable
 

@@ -22,7 +22,7 @@ from uwserver.scenario.load.scenario import load
 from uwserver.scenario.scene.fittings import sensor_views
 from uwserver.sensors import Pose
 from uwserver.sensors.compiled import CompiledSensor, loops_of
-from uwserver.world.kernel_stages import kernels_of
+from uwserver.world.stepping.kernel_stages import kernels_of
 from uwserver.world.stepping.piloting import Piloting
 
 SCENARIO = """

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from uwserver.world.bodies.bodies_and_water import Bodies, WaterPart, WaterState
-from uwserver.world.part import is_awake
+from uwserver.world.parts.part import is_awake
 from uwserver.world.world import World
 
 

@@ -11,7 +11,7 @@ from sensing_rig import FIELDS, slot_of
 
 from uwserver.ports import Port, Service
 from uwserver.world.bodies.members import Member
-from uwserver.world.part import Part, State
+from uwserver.world.parts.part import Part, State
 from uwserver.world.stepping.commands import ActuatorSlot
 
 

@@ -28,8 +28,8 @@ from uwserver.sensors.compiled import CompiledSensor
 from uwserver.simulation.mailbox import Wake
 from uwserver.step import rows
 from uwserver.world import Diverged, World
-from uwserver.world.part import Part, State
-from uwserver.world.profile import Profile
+from uwserver.world.parts.part import Part, State
+from uwserver.world.parts.profile import Profile
 from uwserver.world.state import snapshot as snapshots
 from uwserver.world.stepping.step_table import LONGEST
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from uwserver.sensors.acoustic.imaging import kernels
-from uwserver.world import kernel_stages
+from uwserver.world.stepping import kernel_stages
 
 
 def test_all_that_python_calls_is_compiled_ahead() -> None:

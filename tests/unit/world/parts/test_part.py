@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from uwserver.ports import Argument, Sample, Service
-from uwserver.world.part import Part, RandomStream, Stage, State
+from uwserver.world.parts.part import Part, RandomStream, Stage, State
 from uwserver.world.state.snapshot import restore, take
 from uwserver.world.world import World
 

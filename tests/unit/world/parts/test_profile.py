@@ -10,8 +10,8 @@ import pytest
 import uwserver
 from uwserver.ports import Call, Sample
 from uwserver.world import Diverged, World
-from uwserver.world.part import Part, Stage, State
-from uwserver.world.profile import STAGES, Line, Profile, Report, untimed
+from uwserver.world.parts.part import Part, Stage, State
+from uwserver.world.parts.profile import STAGES, Line, Profile, Report, untimed
 
 
 class Acts(Part):

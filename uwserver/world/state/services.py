@@ -15,7 +15,7 @@ import msgspec
 from uwserver.actuators.base import LONGEST_TIMEOUT_S
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.ports.checks import shown
-from uwserver.world.part import Carry
+from uwserver.world.parts.part import Carry
 from uwserver.world.sensing.sensor_slot import SensorSlot
 from uwserver.world.state import snapshot
 from uwserver.world.state.snapshot import Snapshot

@@ -9,7 +9,7 @@ import pytest
 
 import uwserver.sensors
 from uwserver.physics.kernel.deferred import Deferred
-from uwserver.world import kernel_stages
+from uwserver.world.stepping import kernel_stages
 
 
 def test_every_loop_of_a_sensor_belongs_to_a_stage() -> None:

@@ -16,7 +16,7 @@ from msgspec import Meta, Struct, msgpack
 
 from uwserver.ports import Json, Sample, Service
 from uwserver.ports.crossing import Later
-from uwserver.world.profile import Timer, kind_of, untimed
+from uwserver.world.parts.profile import Timer, kind_of, untimed
 
 Carry = Callable[[Mapping[str, Json]], Json | Later]
 """The function of a service. It runs at the start of a tick. A long-running service returns a `Later` and answers later."""
