@@ -164,7 +164,7 @@ def settled(monkeypatch):
 
     def settle(count, wanted):
         made.append(Threads(Bodies(count), 16, lambda: 0))
-        made[-1].subscribe(wanted)
+        made[-1].use(wanted)
         made[-1].bodies_changed()
         return made[-1]
 
