@@ -32,11 +32,11 @@ from uwserver.sensors.truth import TRUTH
 from uwserver.sensors.wiring import Electric, Wiring
 from uwserver.units import NANOSECONDS, rad
 from uwserver.world.bodies.members import Member
-from uwserver.world.parts.vehicle import Vehicle
 from uwserver.world.external.body import Difference, External, ExternalState
 from uwserver.world.external.motion import LiveMotion, Moving, RecordedMotion, ShownActuator
 from uwserver.world.external.pose_source import LivePoses, PoseSource, RecordedPoses
 from uwserver.world.external.track import AT_REST, TrackPose
+from uwserver.world.parts.vehicle import Vehicle
 from uwserver.world.sensing.sensor_rows import SensorStream
 from uwserver.world.sensing.sensor_slot import SensorSlot
 from uwserver.world.state.services import component_services
