@@ -20,8 +20,7 @@ from msgspec import NODEFAULT, UNSET
 
 from uwserver.actuators import ActuatorConfig
 from uwserver.adapter import AdapterTable, installed_adapters
-from uwserver.autopilot.config import AutopilotConfig
-from uwserver.autopilot.gains import Gains
+from uwserver.autopilot.config import AutopilotConfig, Gains
 from uwserver.environment.currents import CurrentConfig
 from uwserver.environment.waves import WavesConfig
 from uwserver.modifiers import ModifierConfig

@@ -15,7 +15,7 @@ from uwserver.frames import Vec3, rpy_from_quat
 from uwserver.ports import Sample
 from uwserver.scenario.load.scenario import load
 from uwserver.sensors import TrainingConfig
-from uwserver.sensors.onboard.inspection import Follow, Inspect
+from uwserver.sensors.onboard.tasks import Follow, Inspect
 from uwserver.world.state import snapshot
 
 TICKS = 24

@@ -1,23 +1,211 @@
-"""The rows of autopilots: those of one autopilot (`AutopilotRow`), and the arrays with the rows of all autopilots of a world (`AutopilotArrays`)."""
+"""The rows of autopilots: those of one autopilot (`AutopilotRow`), those of all autopilots of a world (`AutopilotArrays`), and typed records of them.
+
+Python reads and writes the records. A saved state that no autopilot can have had is refused: it may come from a file that somebody else wrote.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, cast
+import math
+from array import array
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cache, partial
+from typing import Any, NamedTuple, TypeVar, cast
 
 import msgspec
 import numpy as np
-from msgspec import structs
+from msgspec import Struct, structs
 
-from uwserver.autopilot.gains import Gains
+from uwserver.autopilot.config import Gains
 from uwserver.autopilot.mission import Item
-from uwserver.autopilot.records import Beside, Live, record
-from uwserver.autopilot.rows import DEVICE, FORMS, PILOT, REMEMBERED, SENSOR
-from uwserver.autopilot.state import Estimate, Memory, Orders, Remembered
+from uwserver.autopilot.rows import DEVICE, FORMS, FRAMES, MODES, PILOT, PILOTS, REMEMBERED, SENSOR
+from uwserver.autopilot.state import GIVEN, NAN, REASONS, Estimate, Memory, Orders, Remembered
 from uwserver.autopilot.vehicle_spec import VehicleSpec
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.straight import address_of, straight
+
+
+class Form(NamedTuple):
+    """Form of a field in a row: `read` makes the value from the number there, and `write` the number from the value."""
+
+    read: Callable[[Any], Any]
+    write: Callable[[Any], Any]
+
+
+class Beside(NamedTuple):
+    """Access to a field of a record that is not in its row."""
+
+    get: Callable[[], Any]
+    set: Callable[[Any], None]
+
+
+def _choice(choices: Sequence[Any]) -> Form:
+    """Return the form of a field that holds one of `choices`, as its index."""
+
+    def read(code: int) -> Any:
+        if not 0 <= code < len(choices):
+            raise ValueError(f"{code} is no code of {', '.join(map(repr, choices))}")
+        return choices[code]
+
+    return Form(read, choices.index)
+
+
+def _several(choices: Sequence[str]) -> Form:
+    """Return the form of a field that holds some of `choices`, as bits."""
+
+    def read(bits: int) -> tuple[str, ...]:
+        if not 0 <= bits < 1 << len(choices):
+            raise ValueError(f"{bits} are no bits of {', '.join(choices)}")
+        return tuple([name for k, name in enumerate(choices) if bits >> k & 1])
+
+    return Form(read, lambda names: sum(1 << choices.index(name) for name in names))
+
+
+_FORMS: Mapping[str, Form] = {
+    "mode": _choice(MODES),
+    "pilot": _choice(PILOTS),
+    "frame": _choice(FRAMES),
+    "failsafe": _choice(REASONS),
+    "given": _several(GIVEN),
+    "attitude": Form(lambda q: None if math.isnan(q[0]) else q, lambda q: (NAN,) * 4 if q is None else q),
+    **dict.fromkeys(
+        ("leak", "armed", "waits", "looks", "blind", "settled", "astray", "entered"), _choice((False, True))
+    ),
+}
+
+R = TypeVar("R", Estimate, Memory, Orders)
+
+
+class _Place(NamedTuple):
+    """The place of a field in a row: its first number (of 8 bytes); its length, 0 for a single number; whether the numbers are integers; its form."""
+
+    first: int
+    size: int
+    is_whole: bool
+    form: Form | None
+
+
+@cache
+def _places(form: Any) -> Mapping[str, _Place]:
+    """Return the places of the fields of a dtype. Fields that are records themselves are left out."""
+    places = {}
+    for name in form.names:
+        kind, offset = form.fields[name]
+        if kind.names is None:
+            places[name] = _Place(offset // 8, math.prod(kind.shape or (0,)), kind.base == np.int64, _FORMS.get(name))
+    return places
+
+
+class Live:
+    """A typed record whose fields are in a row: reading a field gives the present value, and setting it changes the row.
+
+    Fields are accessed by memory views, which refuse numbers of a wrong type or length before anything changes. A field of a numpy record would
+    take five times as long.
+    """
+
+    __slots__ = ("_beside", "_kind", "_numbers", "_places", "_whole")
+
+    def __init__(self, kind: type[Struct], beside: Mapping[str, Beside]) -> None:
+        """Make a record of a type. `beside` gives access to the fields that are not in the row."""
+        object.__setattr__(self, "_kind", kind)
+        object.__setattr__(self, "_beside", beside)
+
+    def bind_row(self, rows: Any) -> None:
+        """Use this array of one row from now on."""
+        set_own = partial(object.__setattr__, self)
+        set_own("_places", _places(rows.dtype))
+        set_own("_numbers", memoryview(rows.view(np.float64)))
+        set_own("_whole", memoryview(rows.view(np.int64)))
+
+    def __getattr__(self, name: str) -> Any:
+        place = self._places.get(name)
+        if place is None:
+            return self._find(name).get()
+        first, size, is_whole, form = place
+        numbers = self._whole if is_whole else self._numbers
+        return _value(numbers[first : first + size].tolist() if size else numbers[first], form)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        place = self._places.get(name)
+        if place is None:
+            self._find(name).set(value)
+            return
+        first, size, is_whole, form = place
+        numbers, plain = self._whole if is_whole else self._numbers, value if form is None else form.write(value)
+        if size:
+            numbers[first : first + size] = array(numbers.format, plain)
+        else:
+            numbers[first] = plain
+
+    def _find(self, name: str) -> Any:
+        if name not in self._beside:
+            raise AttributeError(f"{self._kind.__name__} has no {name}")
+        return self._beside[name]
+
+    def write(self, record: Struct) -> None:
+        """Set all fields to those of a record."""
+        for name in self._kind.__struct_fields__:
+            setattr(self, name, getattr(record, name))
+
+
+def record(kind: type[R], row: Any, beside: Mapping[str, Any]) -> R:
+    """Return the typed record of a row, and of the values that are not in the row.
+
+    Raises:
+        ValueError: a number is not the code of any value.
+    """
+    names = row.dtype.names
+    plain = map(_value, row.tolist(), map(_FORMS.get, names))
+    return kind(**{**dict(zip(names, plain, strict=True)), **beside})
+
+
+def _value(plain: Any, form: Form | None) -> Any:
+    """Return the value of a number, vector or record in a row. Every NaN becomes the object `NAN`, so that equal rows give equal records."""
+    if isinstance(plain, np.ndarray):
+        plain = plain.tolist()
+    if isinstance(plain, list):
+        # The sum is NaN if a number is.
+        total = sum(plain)
+        plain = tuple(plain) if total == total else tuple([NAN if x != x else x for x in plain])
+    elif plain != plain:
+        plain = NAN
+    return plain if form is None else form.read(plain)
+
+
+def refuse_impossible(path: str, estimate: Estimate, memory: Memory, orders: Orders) -> None:
+    """Refuse a saved state that no autopilot can have had.
+
+    Args:
+        path: of the autopilot.
+        estimate, memory, orders: the saved state.
+
+    Raises:
+        ValueError: an attitude without unit length, a present item that the mission does not have, or a number that is far too large.
+    """
+    for q in (estimate.q, orders.attitude or estimate.q):
+        if not abs(math.hypot(*q) - 1.0) < 1e-3:
+            raise ValueError(f'"{path}" has an attitude that is no rotation')
+    if not -1 <= orders.index < len(orders.items) or not 0 <= orders.reached <= len(orders.items):
+        raise ValueError(f'"{path}" is at an item that its mission does not have')
+    limited = structs.replace(orders, turn_limit=0.0 if orders.turn_limit == math.inf else orders.turn_limit)
+    if not all(_is_plausible(x) for part in (estimate, memory, limited) for x in _numbers(part)):
+        raise ValueError(f'"{path}" holds a number out of all range')
+
+
+def _is_plausible(x: float) -> bool:
+    """Return whether a number is possible. Differences of whole numbers (times in ns, counts) must fit into 64 bits."""
+    return abs(x) < 2**62 if isinstance(x, int) else math.isnan(x) or abs(x) < 1e12
+
+
+def _numbers(value: object) -> Iterator[float]:
+    """Yield all numbers in a record, at any depth."""
+    if isinstance(value, float | int):
+        yield value
+    elif isinstance(value, tuple):
+        for item in value:
+            yield from _numbers(item)
+    elif isinstance(value, Struct):
+        yield from _numbers(structs.astuple(value))
 
 
 class AutopilotRow:

@@ -11,9 +11,15 @@ from typing import Any
 import numpy as np
 
 from uwserver.autopilot import modes
-from uwserver.autopilot.allocation import FINS, THRUSTERS, allocate_thrusters, allocate_wrench, command_for
+from uwserver.autopilot.allocation import (
+    FINS,
+    THRUSTERS,
+    allocate_fins,
+    allocate_thrusters,
+    allocate_wrench,
+    command_for,
+)
 from uwserver.autopilot.estimator import go_on
-from uwserver.autopilot.fins import allocate_fins
 from uwserver.autopilot.hover import hover
 from uwserver.autopilot.rows import (
     ACRO,
@@ -190,7 +196,7 @@ def tell(p: Any, devices: Array, t_ns: int, out: Array) -> int:
             nan, and so is an unknown depth or altitude.
 
     Returns:
-        The number of its texts (`status.TEXTS`): mode times the number of REASONS, plus the reason of the fail-safe.
+        The number of its texts (`ports.TEXTS`): mode times the number of REASONS, plus the reason of the fail-safe.
     """
     e, o, whole = p.e, p.o, out.view(np.int64)
     now = _known(e, o.gains, t_ns)

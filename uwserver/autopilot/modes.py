@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from uwserver.autopilot.gains import Gains
+from uwserver.autopilot.config import Gains, Mode
 from uwserver.autopilot.rows import MODES
-from uwserver.autopilot.state import Estimate, Mode
+from uwserver.autopilot.state import Estimate
 from uwserver.units import NANOSECONDS
 
 CERTAIN_MPS = 0.3

@@ -7,12 +7,12 @@ from collections.abc import Callable
 from typing import cast
 
 from uwserver.autopilot import route
-from uwserver.autopilot.arrays import AutopilotRow
+from uwserver.autopilot.arrays import AutopilotRow, refuse_impossible
+from uwserver.autopilot.config import Mode
 from uwserver.autopilot.flight import ARRIVED, BEGIN, CONTROL, DONE, FAILSAFE, NOTHING, PROGRESS, READY, STEER, WATCH
 from uwserver.autopilot.mission import Item, Waypoint
 from uwserver.autopilot.modes import FOLLOWS, REMEDY, Known, known, missing, refuge
-from uwserver.autopilot.plausibility import refuse_impossible
-from uwserver.autopilot.state import Mode, Parts, Reason, Remembered, Six
+from uwserver.autopilot.state import Parts, Reason, Remembered, Six
 from uwserver.autopilot.sticks import enter
 from uwserver.autopilot.vehicle_spec import Held, VehicleSpec
 from uwserver.physics.kernel.arrays import IntArray

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from uwserver.autopilot import flight
-from uwserver.autopilot.gains import Gains
+from uwserver.autopilot.config import Gains
 from uwserver.autopilot.mission import Hold, Item, SetHeading, SetSpeed, Surface, Waypoint
 from uwserver.autopilot.state import NAN, Estimate, Orders, SetPointName
 from uwserver.autopilot.sticks import wrapped

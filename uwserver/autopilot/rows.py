@@ -1,6 +1,6 @@
 """The rows of autopilots, for compiled code: one row for each vehicle, with its estimate, memory and orders, and what is known of the vehicle.
 
-Python reads and writes the first three as typed records (`records.Live`): `state.Estimate`, `state.Memory`, `state.Orders`.
+Python reads and writes the first three as typed records (`arrays.Live`): `state.Estimate`, `state.Memory`, `state.Orders`.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from typing import get_args
 import numpy as np
 
 from uwserver import frames
-from uwserver.autopilot.gains import Gains
-from uwserver.autopilot.state import Mode, Six
+from uwserver.autopilot.config import Gains, Mode
+from uwserver.autopilot.state import Six
 from uwserver.frames import Quat, Vec3
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled, inlined
@@ -102,7 +102,7 @@ ORDERS = np.dtype(
 """`state.Orders` without the mission and the test of the actuators."""
 
 SHAFT = np.dtype([(name, "f8") for name in ("a", "b", "strength", "advance", "diameter", "astern", "limit")])
-"""`fins.Shaft`."""
+"""`allocation.Shaft`."""
 
 SPEC = np.dtype(
     [
@@ -123,7 +123,7 @@ SPEC = np.dtype(
         # Of the estimator:
         ("has_imu", "i8"),
         ("has_attitude", "i8"),
-        ("restlessness", "f8"),  # density of the error of the acceleration (`tracks.MEASURED`)
+        ("restlessness", "f8"),  # density of the error of the acceleration (`vehicle_spec.MEASURED`)
         ("gravity", "f8"),
         ("latitude", "f8"),  # of the origin of N, rad
         ("longitude", "f8"),
@@ -176,7 +176,7 @@ SENSOR = np.dtype(
     [
         ("pilot", "i8"),  # row
         ("next", "i8"),  # row of another SENSOR that reads the same stream, or -1
-        ("kind", "i8"),  # index in `sensor_inputs.MESSAGES`
+        ("kind", "i8"),  # index in `vehicle_spec.MESSAGES`
         ("place", "i8", (3,)),  # places of its fields in a row of the stream
         ("p", "f8", (3,)),
         ("q", "f8", (4,)),
@@ -187,7 +187,7 @@ SENSOR = np.dtype(
         ("beacon_first", "i8"),
     ]
 )
-"""A stream that an autopilot reads: `sensor_inputs.SensorInput`."""
+"""A stream that an autopilot reads: `vehicle_spec.SensorInput`."""
 
 FORMS: Forms = {
     "pilots": PILOT,

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, get_args
 
 from msgspec import Meta, Struct
 
-from uwserver.autopilot.gains import Gains
+from uwserver.autopilot.config import Gains, Mode
 from uwserver.autopilot.mission import MAX_ITEMS, Item
 from uwserver.frames import IDENTITY, Quat, Vec3
 
@@ -16,11 +16,6 @@ NOWHERE: Vec3 = (NAN, NAN, NAN)
 STILL: Vec3 = (0.0, 0.0, 0.0)
 NEVER = -(10**18)
 """The time (ns) of a sample that never came."""
-
-Mode = Literal[
-    "manual", "stabilise", "acro", "depth_hold", "altitude_hold", "heading_hold", "position_hold", "velocity", "guided",
-    "mission", "surface",
-]  # fmt: skip
 
 SetPointName = Literal["altitude", "depth", "heading", "place"]
 GIVEN: tuple[SetPointName, ...] = get_args(SetPointName)

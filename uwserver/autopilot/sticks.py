@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from uwserver.autopilot.bottom import fall
+from uwserver.autopilot.config import Mode
 from uwserver.autopilot.rows import ALTITUDE_HOLD, GUIDED, MISSION, SURFACE, four, set_three, three
 from uwserver.autopilot.rows import rpy_from_quat as rpy
-from uwserver.autopilot.state import GIVEN, NAN, NOWHERE, STILL, Memory, Mode, Orders
+from uwserver.autopilot.state import GIVEN, NAN, NOWHERE, STILL, Memory, Orders
 from uwserver.physics.kernel.deferred import compiled
 
 CENTRED = 0.02

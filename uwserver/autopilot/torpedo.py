@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from uwserver.autopilot.allocation import SLOW_MPS, speed_for, thrust_at
 from uwserver.autopilot.bottom import fall
-from uwserver.autopilot.fins import SLOW_MPS, speed_for, thrust_at
 from uwserver.autopilot.rows import (
     ACRO,
     GUIDED,

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from uwserver.autopilot.status import StateSensor
+from uwserver.autopilot.ports import StateSensor
 from uwserver.physics.collision.contacts import NO_IMPULSES
 from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray

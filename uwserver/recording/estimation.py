@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 
 from uwserver.autopilot.arrays import AutopilotRow
-from uwserver.autopilot.status import StateSensor
+from uwserver.autopilot.ports import StateSensor
 from uwserver.frames import rotate
 from uwserver.ports import Call, Event, Field, Port, Refused, Sample
 from uwserver.ports.checks import bind

@@ -13,7 +13,7 @@ from uwserver.sensors.acoustic.positioning.usbl import UsblConfig
 from uwserver.sensors.acoustic.profiler import ProfilerConfig
 from uwserver.sensors.acoustic.scanning_sonar import ScanningSonarConfig
 from uwserver.sensors.acoustic.side_scan import SideScanConfig
-from uwserver.sensors.base import IdealSensor, Pose, Scope, Sensor, SensorTable, Settings, StreamTable
+from uwserver.sensors.base import IdealSensor, Pose, Scope, Sensor, SensorTable, Settings, StreamTable, Traits
 from uwserver.sensors.compound import CompoundConfig
 from uwserver.sensors.modem import ModemTable
 from uwserver.sensors.motion.attitude import AttitudeConfig
@@ -30,7 +30,6 @@ from uwserver.sensors.onboard.training import TrainingConfig
 from uwserver.sensors.optical.camera.camera import CameraConfig
 from uwserver.sensors.optical.optical_modem import OpticalModemConfig
 from uwserver.sensors.optical.range_array import RangeArrayConfig
-from uwserver.sensors.traits import Traits
 from uwserver.sensors.water.ctd import CtdConfig
 from uwserver.sensors.water.pressure import PressureConfig
 from uwserver.sensors.water.sound_speed import SoundSpeedConfig

@@ -10,28 +10,200 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
 
 import msgspec
 import numpy as np
-from msgspec import Meta, Struct, structs
+from msgspec import UNSET, Meta, Struct, UnsetType, structs
 
 from uwserver.environment.acoustics.boundaries import Sediment, lambert, sediments
 from uwserver.environment.earth import Earth, turns_of_level
+from uwserver.environment.light import Daylight, WaterLight
 from uwserver.environment.water import Water
 from uwserver.frames import IDENTITY, Quat, Vec3, conjugate, multiply, quat_from_rpy, rotate, spin
 from uwserver.modifiers import Measurement, ModifierConfig
 from uwserver.modifiers.base import NOTHING, Draws, Memory, check_lengths
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.rays.raycast import Geometry, OpenWater
-from uwserver.ports import Argument, Field, Json, Refused, Value
+from uwserver.ports import Argument, BeamView, FanView, Field, Json, Refused, Value
 from uwserver.sensors.job import finished
-from uwserver.sensors.others import FixedPlace, Joint, Latest, Outline, Place, Sight, Writing
-from uwserver.sensors.traits import Named as Named
-from uwserver.sensors.traits import Traits as Traits
 from uwserver.sensors.wiring import Wiring
 from uwserver.table import Name, NonNegative, Positive, Table
 from uwserver.units import NANOSECONDS, rad
+
+Sigma = tuple[float, ...]
+"""1-sigma of a field, in its unit: one number for each axis, or one for all components."""
+BYTES_OF_BIN = 32
+"""Memory that one bin of a row of echoes takes, about."""
+
+
+class Named(NamedTuple):
+    """An entry of another table that a sensor's table names. It has to exist.
+
+    Attributes:
+        key: path of the key that names it, below the sensor's table.
+        table: "thrusters" or "sensors" of its vehicle, "vehicles" or "structures" of the scenario.
+        name: name of the entry in that table.
+    """
+
+    key: tuple[str | int, ...]
+    table: str
+    name: str
+
+
+class KnownBeacon(NamedTuple):
+    """An acoustic beacon that a sensor interrogates, as its operator knows it.
+
+    Attributes:
+        name: name in the sensor's table.
+        p: assumed position at t = 0, m: in N, or in B of the body that carries it.
+        body: the vehicle that carries it; None for a beacon in N.
+        delay: time between question and answer, s.
+        moves: whether it leaves `p`.
+    """
+
+    name: str
+    p: Vec3
+    body: str | None
+    delay: float
+    moves: bool = False
+
+
+class Traits(Struct, frozen=True):
+    """What other rooms need to know of one sensor. Everything is optional.
+
+    Attributes:
+        stages: stages of the compiled code (`uwserver.world.builds.STAGES`) to compile before the world is built.
+        beams: single beams that viewers show, in S.
+        fan: the sector that an imaging sonar covers.
+        sigmas: field -> 1-sigma of its own errors: white noise, slowly changing biases, and biases drawn once a run, added in variance.
+        picture_bytes: size of the picture or the row of echoes of one reading.
+        address: address that a modem starts with, if its packets carry one.
+        beacons: the beacons that it interrogates.
+        names: entries of other tables that its table names.
+        needs_origin: the scenario must give the position of N on the Earth.
+        needs_field: it measures the Earth's magnetic field.
+        needs_sight: it sees the colours of things, and lamps.
+    """
+
+    stages: tuple[str, ...] = ()
+    beams: tuple[BeamView, ...] = ()
+    fan: FanView | None = None
+    sigmas: Mapping[str, Sigma] = {}
+    picture_bytes: int = 0
+    address: int | UnsetType = UNSET
+    beacons: tuple[KnownBeacon, ...] = ()
+    names: tuple[Named, ...] = ()
+    needs_origin: bool = False
+    needs_field: bool = False
+    needs_sight: bool = False
+
+
+class Place(Protocol):
+    """Where another vehicle is."""
+
+    @property
+    def p_NB(self) -> Vec3:
+        """Position of its origin in N, m."""
+
+    @property
+    def q_NB(self) -> Quat:
+        """Its attitude."""
+
+    @property
+    def nu(self) -> tuple[float, ...]:
+        """Its velocity, v_NB_B (m/s) and w_NB_B (rad/s)."""
+
+
+class FixedPlace(NamedTuple):
+    """A `Place` at one instant."""
+
+    p_NB: Vec3
+    q_NB: Quat
+    nu: tuple[float, ...]
+
+
+class Joint(Protocol):
+    """The actuator that tilts a mount."""
+
+    @property
+    def rate(self) -> float:
+        """Largest rate of the tilt, rad/s."""
+
+    @property
+    def memory(self) -> Any:
+        """The state of the actuator; its `tilt` (rad) is the last command."""
+
+
+class Outline(NamedTuple):
+    """The box around a structure.
+
+    Attributes:
+        p: centre of the box, m in N.
+        q: attitude of the box in N.
+        half: half the length of each edge, m.
+    """
+
+    p: Vec3
+    q: Quat
+    half: Vec3
+
+
+class Latest(Protocol):
+    """Another sensor of the same vehicle, for a sensor that repeats its readings or hears its sound."""
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """Fields of its port."""
+
+    @property
+    def held(self) -> tuple[bool, tuple[Value, ...]] | None:
+        """Validity and values of its last reading, errors included; None before the first one."""
+
+    @property
+    def held_ns(self) -> int:
+        """Time of that reading."""
+
+    @property
+    def stream_numbers(self) -> range:
+        """Numbers of its streams in the world; its own stream is the first."""
+
+    @property
+    def sensor(self) -> object:
+        """The sensor itself."""
+
+    @property
+    def works(self) -> bool:
+        """Whether it reads: it is switched on, and no fault keeps it silent."""
+
+
+class Writing(NamedTuple):
+    """How compiled code writes the readings of a sensor, as it does for autopilots (`autopilot.entries.tell_one`).
+
+    Attributes:
+        row: number of the sensor there.
+        texts: the values that are no numbers, by the state that the sensor reports.
+    """
+
+    row: int
+    texts: Sequence[tuple[Value, ...]]
+
+
+class Sight(NamedTuple):
+    """What cameras may see of a world. Pictures are made elsewhere, and only if somebody reads them.
+
+    Attributes:
+        water, day: light.
+        scene: returns the `uwserver.sensors.optical.camera.visible.VisibleScene` of everything that is there now.
+        lamps: returns all lamps that shine now, each as a `uwserver.sensors.optical.camera.lamps.LampAt`.
+        state: returns the present state (n, 13) of all bodies.
+    """
+
+    water: WaterLight
+    day: Daylight
+    scene: Callable[[], Any]
+    lamps: Callable[[], tuple[Any, ...]]
+    state: Callable[[], FloatArray]
 
 
 class StreamTable(Table, kw_only=True, frozen=True):

@@ -362,7 +362,7 @@ class CompiledSensor(Sensor):
 
     def sense(self, scope: Scope) -> Measurement | None:
         """Return a reading outside a world."""
-        from uwserver.sensors.scope_arrays import ScopeArrays
+        from uwserver.sensors.surroundings import ScopeArrays
 
         if self.key is None:
             self.start(0)

@@ -9,8 +9,7 @@ from msgspec import Meta, structs
 
 from uwserver.modifiers.base import Measurement
 from uwserver.ports import Field, Value
-from uwserver.sensors.base import Named, Pose, Scope, Sensor, SensorTable, Traits
-from uwserver.sensors.others import Latest
+from uwserver.sensors.base import Latest, Named, Pose, Scope, Sensor, SensorTable, Traits
 from uwserver.table import Name
 from uwserver.units import NANOSECONDS
 

@@ -15,8 +15,7 @@ from uwserver.physics.rays.raycast import Geometry, OpenWater
 from uwserver.ports import Event, Port, Service
 from uwserver.ports.crossing import Answers, Posted, TickOutput
 from uwserver.ports.decimation import EVERY_SAMPLE, Decimations
-from uwserver.sensors.base import BOTTOM, SEDIMENT
-from uwserver.sensors.others import Sight
+from uwserver.sensors.base import BOTTOM, SEDIMENT, Sight
 from uwserver.units import NANOSECONDS
 from uwserver.world.bodies.bodies_and_water import Bodies, WaterPart
 from uwserver.world.bodies.members import Member, Population, place_solids

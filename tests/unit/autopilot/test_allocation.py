@@ -9,16 +9,22 @@ import numpy as np
 import pytest
 
 from uwserver.autopilot.allocation import (
+    SLOW_MPS,
+    FinEffect,
+    Shaft,
     Thrust,
+    allocate_fins,
     allocate_thrusters,
     allocate_wrench,
     command_for,
     controllable,
     curve_points,
+    fin_allocation,
+    shaft_speed,
+    shaft_thrust,
     thruster_allocation,
     wrench_allocation,
 )
-from uwserver.autopilot.fins import SLOW_MPS, FinEffect, Shaft, allocate_fins, fin_allocation, shaft_speed, shaft_thrust
 from uwserver.autopilot.rows import SPEC
 
 LINEAR = ((-1.0, -20.0), (0.0, 0.0), (1.0, 20.0))

@@ -1,6 +1,6 @@
 """Autopilots in the same arrays: each is what it is alone, whoever lies beside it, comes or goes; its rows read as typed records.
 
-Also of uwserver.autopilot.entries and uwserver.autopilot.records.
+Also of uwserver.autopilot.entries and uwserver.autopilot.arrays.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import pytest
 from msgspec import structs
 
 from uwserver.autopilot.arrays import AutopilotArrays
+from uwserver.autopilot.config import Gains
 from uwserver.autopilot.flight import BEGIN, DONE, FAILSAFE, PROGRESS, READY
-from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.mission import Hold
 from uwserver.autopilot.route import leave_bottom, set_course
 from uwserver.autopilot.state import NAN, NOWHERE, Estimate, Memory, Orders

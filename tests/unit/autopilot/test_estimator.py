@@ -9,12 +9,11 @@ import pytest
 
 from uwserver.autopilot.allocation import wrench_allocation
 from uwserver.autopilot.arrays import AutopilotArrays, AutopilotRow
+from uwserver.autopilot.config import Gains
 from uwserver.autopilot.estimator import STUBBORN, place_at
-from uwserver.autopilot.gains import Gains
 from uwserver.autopilot.modes import known
-from uwserver.autopilot.sensor_inputs import SensorInput, SensorInputs, SiteData
 from uwserver.autopilot.state import NEVER
-from uwserver.autopilot.vehicle_spec import Dynamics, VehicleSpec
+from uwserver.autopilot.vehicle_spec import Dynamics, SensorInput, SensorInputs, SiteData, VehicleSpec
 from uwserver.environment.earth import latitude_longitude
 from uwserver.frames import conjugate, multiply, quat_from_rpy, rotate, rpy_from_quat
 from uwserver.physics.bodies import Hydrodynamics

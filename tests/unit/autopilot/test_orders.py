@@ -1,6 +1,6 @@
 """What the autopilot takes and refuses, how it fails safe, and that a snapshot holds all of it.
 
-Also of uwserver.autopilot.pilot, uwserver.autopilot.ports, uwserver.autopilot.services and uwserver.autopilot.status.
+Also of uwserver.autopilot.pilot, uwserver.autopilot.ports, uwserver.autopilot.ports and uwserver.autopilot.ports.
 """
 
 from __future__ import annotations

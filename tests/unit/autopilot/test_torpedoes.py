@@ -1,6 +1,6 @@
 """Step responses of torpedo-shaped vehicles: speed by the propeller, depth by the stern planes, lines and circles by the rudder.
 
-Also of uwserver.autopilot.torpedo and uwserver.autopilot.tracks.
+Also of uwserver.autopilot.torpedo and uwserver.autopilot.estimator.
 """
 
 from __future__ import annotations

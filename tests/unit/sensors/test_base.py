@@ -1,4 +1,7 @@
-"""What all sensors with a memory have in common: a restore, and another rate."""
+"""What all sensors with a memory have in common: a restore, and another rate.
+
+What a sensor may know of others: cameras look at nothing before somebody asks.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +9,11 @@ import math
 
 import numpy as np
 import pytest
-from sensor_rig import (
-    BATTERY,
-    world_with,
-)
+from sensor_rig import BATTERY, world_with
 
-from uwserver.sensors import (
-    CompoundConfig,
-    GpsConfig,
-    ImuConfig,
-    LeakConfig,
-)
+from uwserver.environment.light import WATER_TYPES, Daylight
+from uwserver.sensors import CompoundConfig, GpsConfig, ImuConfig, LeakConfig
+from uwserver.sensors.base import Sight
 from uwserver.sensors.motion.triad import TriadErrors
 
 NOISY = TriadErrors(noise_density=1e-3, instability=1e-3, random_walk=1e-4)
@@ -56,3 +53,12 @@ def test_rate_of_a_stateful_sensor_can_change():
     assert np.std(np.diff(np.array(slow) - ideal, axis=0)) / math.sqrt(2) == pytest.approx(
         1e-3 * math.sqrt(24), rel=0.06
     )
+
+
+def test_it_is_what_it_was_given_and_looks_only_when_asked() -> None:
+    looked: list[int] = []
+    sight = Sight(WATER_TYPES["II"], Daylight(), lambda: looked.append(1), tuple, lambda: np.zeros((1, 13)))
+    assert not looked
+    sight.scene()
+    assert looked == [1]
+    assert sight.lamps() == ()

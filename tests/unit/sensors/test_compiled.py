@@ -28,7 +28,7 @@ from uwserver.sensors import (
 from uwserver.sensors.acoustic.altimeter import AltimeterMemory
 from uwserver.sensors.compiled import HEAD, read
 from uwserver.sensors.motion.triad import TriadErrors
-from uwserver.sensors.scope_arrays import ScopeArrays
+from uwserver.sensors.surroundings import ScopeArrays
 from uwserver.sensors.water.sound_speed import SoundSpeedMemory
 from uwserver.testing.fake_geometry import FakeGeometry, Plane
 from uwserver.testing.sensors import BOTTOM

@@ -1,4 +1,4 @@
-"""Several sensors in one message. Also of uwserver.sensors.others."""
+"""Several sensors in one message. Also of uwserver.sensors.base."""
 
 from __future__ import annotations
 

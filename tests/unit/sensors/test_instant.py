@@ -28,7 +28,7 @@ from uwserver.physics.kernel.layout import (
 from uwserver.physics.rays.raycast import NOTHING, SURFACE, no_hits
 from uwserver.sensors import instant
 from uwserver.sensors.compiled import HEAD
-from uwserver.sensors.scope_arrays import ScopeArrays
+from uwserver.sensors.surroundings import ScopeArrays
 
 LAYERS = Water(1023.0, 9.81, 18.0, 101_325.0, (0.3, -0.1, 0.05), given=WaterColumn(CAST, 9.81, 1023.0))
 UNIFORM = Water(1025.0, 9.81, 12.0, 101_325.0, (0.0, 0.2, 0.0))

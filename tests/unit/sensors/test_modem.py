@@ -7,7 +7,7 @@ from modem_rig import modem
 from msgspec import msgpack
 
 from uwserver.sensors import Pose
-from uwserver.sensors.modem_memory import MOST_INBOX, ModemMemory, ModemReport, Waiting
+from uwserver.sensors.modem import MOST_INBOX, ModemMemory, ModemReport, Waiting
 
 
 def device(**keys):

@@ -14,17 +14,28 @@ import numpy as np
 from msgspec import UnsetType, structs
 
 from uwserver.actuators import Devices
-from uwserver.autopilot.allocation import Allocation, Thrust, thruster_allocation, wrench_allocation
-from uwserver.autopilot.config import AutopilotConfig
-from uwserver.autopilot.fins import FinEffect, Shaft, fin_allocation
-from uwserver.autopilot.gains import Gains
+from uwserver.autopilot.allocation import (
+    Allocation,
+    FinEffect,
+    Shaft,
+    Thrust,
+    fin_allocation,
+    thruster_allocation,
+    wrench_allocation,
+)
+from uwserver.autopilot.config import AutopilotConfig, Gains
 from uwserver.autopilot.pilot import Autopilot
-from uwserver.autopilot.ports import TEST_TIMEOUT_S, set_points
-from uwserver.autopilot.sensor_inputs import SensorInput, SensorInputs, SiteData, fields_used
-from uwserver.autopilot.services import services
+from uwserver.autopilot.ports import TEST_TIMEOUT_S, StateSensor, services, set_points
 from uwserver.autopilot.state import Six
-from uwserver.autopilot.status import StateSensor
-from uwserver.autopilot.vehicle_spec import Dynamics, Held, VehicleSpec
+from uwserver.autopilot.vehicle_spec import (
+    Dynamics,
+    Held,
+    SensorInput,
+    SensorInputs,
+    SiteData,
+    VehicleSpec,
+    fields_used,
+)
 from uwserver.frames import Vec3
 from uwserver.modifiers import WhiteNoise
 from uwserver.physics.dynamics.params import BodyParams, ThrusterParams, shape_rows

@@ -26,8 +26,8 @@ from uwserver.scenario.vehicle.body import own_rows
 from uwserver.scenario.vehicle.tables import Electric as ElectricTable
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import Pose, Sensor, SensorConfig, SensorTable
+from uwserver.sensors.base import Outline
 from uwserver.sensors.compiled import CompiledSensor
-from uwserver.sensors.others import Outline
 from uwserver.sensors.truth import TRUTH
 from uwserver.sensors.wiring import Electric, Wiring
 from uwserver.units import NANOSECONDS, rad

@@ -14,11 +14,11 @@ from uwserver.physics.geometry.shapes import HalfSpace
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.solids.appearance import CLEAN, OBJECT, SEABED, STRUCTURE, VEHICLE, Colour, colour_of
 from uwserver.sensors import Pose
+from uwserver.sensors.base import Sight
 from uwserver.sensors.optical.camera.faces import GROWTH, PLAIN, TILES, Paint
 from uwserver.sensors.optical.camera.faces import SEABED as SAND
 from uwserver.sensors.optical.camera.lamps import LampAt
 from uwserver.sensors.optical.camera.visible import SceneCache, VisibleThing
-from uwserver.sensors.others import Sight
 from uwserver.units import rad
 from uwserver.world.bodies.members import Member
 from uwserver.world.world import World

@@ -16,7 +16,7 @@ from uwserver.scenario.scene.shapes import unit
 from uwserver.scenario.vehicle.appendage_tables import Fin
 from uwserver.scenario.vehicle.tables import VehicleFile
 from uwserver.sensors import Pose, SensorTable
-from uwserver.sensors.traits import Sigma
+from uwserver.sensors.base import Sigma
 from uwserver.units import rad
 from uwserver.world.state.scene_probe import full_thrust
 

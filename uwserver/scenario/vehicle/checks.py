@@ -11,8 +11,7 @@ import numpy as np
 from msgspec import UNSET, UnsetType
 
 from uwserver.actuators import ActuatorConfig
-from uwserver.autopilot.config import AutopilotConfig
-from uwserver.autopilot.gains import Gains
+from uwserver.autopilot.config import AutopilotConfig, Gains
 from uwserver.physics.dynamics.appendage_params import quadrant_coefficients
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.scenario.files.convert import Node, Report, check_known, check_members, convert, fields, is_one_of

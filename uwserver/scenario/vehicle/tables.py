@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from msgspec import UNSET, Meta, UnsetType, field
 
 from uwserver.actuators import ActuatorConfig
-from uwserver.autopilot.gains import Gains
+from uwserver.autopilot.config import Gains
 from uwserver.scenario.solids.tables import Collision, Contact
 from uwserver.scenario.vehicle.appendage_tables import (
     Ballast,

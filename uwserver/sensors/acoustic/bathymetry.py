@@ -14,8 +14,8 @@ from uwserver.ports import BeamView, Buffer, Field, Value
 from uwserver.ports.buffer import Layout
 from uwserver.sensors.acoustic.cross_talk import ping_arguments
 from uwserver.sensors.acoustic.imaging.array import Taper, difference, elements, pattern
+from uwserver.sensors.acoustic.imaging.fan import Swath, check_size, columns_of, cost
 from uwserver.sensors.acoustic.imaging.soundings import HEARD, bands
-from uwserver.sensors.acoustic.imaging.swath import Swath, check_size, columns_of, cost
 from uwserver.sensors.acoustic.pinging import (
     Head,
     Instant,
@@ -25,8 +25,7 @@ from uwserver.sensors.acoustic.pinging import (
     PingTable,
     fade_of,
 )
-from uwserver.sensors.acoustic.receiver import Echoes
-from uwserver.sensors.acoustic.sounding import Array, blanked, listen, sound_out
+from uwserver.sensors.acoustic.receiver import Array, Echoes, blanked, listen, sound_out
 from uwserver.sensors.base import Pose, Scope, Traits
 from uwserver.table import Positive
 from uwserver.units import rad

@@ -23,9 +23,8 @@ from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Argument
 from uwserver.sensors.acoustic.echo import check_range, fill_row, or_truth
 from uwserver.sensors.acoustic.imaging.echoes import Gates
-from uwserver.sensors.base import Scope, Sensor, SensorTable
+from uwserver.sensors.base import Latest, Scope, Sensor, SensorTable
 from uwserver.sensors.compiled import CompiledSensor, p_NB, q_NB, rotate, submergence, voices_of, water_property
-from uwserver.sensors.others import Latest
 from uwserver.sensors.voices import MOST, NO_BURSTS, VOICE, find_bursts, find_bursts_at_once
 from uwserver.table import NonNegative, Positive
 

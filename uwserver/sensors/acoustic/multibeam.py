@@ -15,7 +15,7 @@ from uwserver.ports.buffer import Layout
 from uwserver.sensors.acoustic.cross_talk import believed_speed
 from uwserver.sensors.acoustic.echo import check_range
 from uwserver.sensors.acoustic.imaging.array import Taper
-from uwserver.sensors.acoustic.imaging.swath import Swath, check_size, check_together, columns_of, cost
+from uwserver.sensors.acoustic.imaging.fan import Swath, check_size, check_together, columns_of, cost
 from uwserver.sensors.acoustic.pinging import (
     Head,
     ImagingTable,

@@ -16,11 +16,10 @@ from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.ports import Argument, Value
 from uwserver.sensors.acoustic.cross_talk import Sonar, SonarTable, believed_speed, describe
 from uwserver.sensors.acoustic.imaging import kernels, speckle
-from uwserver.sensors.acoustic.imaging.swath import Swath
+from uwserver.sensors.acoustic.imaging.fan import Swath
 from uwserver.sensors.acoustic.receiver import Echoes, Noise, Paths, Pulse, Ranges, Water, gain_over_range, ranges
-from uwserver.sensors.base import Distance, Gain, Pose, Scope, Settings, earlier
+from uwserver.sensors.base import BYTES_OF_BIN, Distance, Gain, Pose, Scope, Settings, Traits, earlier
 from uwserver.sensors.job import Job, PendingMeasurement
-from uwserver.sensors.traits import BYTES_OF_BIN, Traits
 from uwserver.table import NonNegative, Positive
 from uwserver.units import NANOSECONDS
 

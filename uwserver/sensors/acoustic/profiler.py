@@ -12,7 +12,7 @@ from uwserver.modifiers.operations import rounded_ns
 from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.deferred import compiled
 from uwserver.ports import Argument, FanView, Field
-from uwserver.sensors.acoustic import receiver, sounding
+from uwserver.sensors.acoustic import receiver
 from uwserver.sensors.acoustic.cross_talk import (
     CompiledSonar,
     assumed_speed,
@@ -114,7 +114,7 @@ _RECORD = record(
     [("ready", "f8"), ("index", "i8"), ("sense", "i8")],
 )  # fmt: skip
 
-_ranges, _thresholds = compiled(receiver.ranges), compiled(sounding.thresholds)
+_ranges, _thresholds = compiled(receiver.ranges), compiled(receiver.thresholds)
 # The entries for Python, as kernels that compiled code can call.
 _energies, _volume, _fade, _scatter, _receive, _find = (
     compiled(kernel.py_func)

@@ -12,7 +12,7 @@ from uwserver.modifiers.base import Measurement
 from uwserver.ports import BeamView, Buffer, Field, Value
 from uwserver.ports.buffer import Layout
 from uwserver.sensors.acoustic.cross_talk import ping_arguments
-from uwserver.sensors.acoustic.imaging.swath import COLUMNS, Sides, cost, rows_above
+from uwserver.sensors.acoustic.imaging.fan import COLUMNS, Sides, cost, rows_above
 from uwserver.sensors.acoustic.pinging import (
     Head,
     ImagingTable,

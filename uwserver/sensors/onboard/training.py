@@ -15,8 +15,18 @@ from uwserver.modifiers import Measurement
 from uwserver.modifiers.base import Memory
 from uwserver.ports import Argument, Field, Json, Value
 from uwserver.sensors.base import Named, Pose, Scope, Sensor, SensorTable, Settings, Traits
-from uwserver.sensors.onboard.inspection import Follow, Inspect, eye_at
-from uwserver.sensors.onboard.tasks import Gate, HoldDepth, Moment, Points, Reach, Task, Verdict
+from uwserver.sensors.onboard.tasks import (
+    Follow,
+    Gate,
+    HoldDepth,
+    Inspect,
+    Moment,
+    Points,
+    Reach,
+    Task,
+    Verdict,
+    eye_at,
+)
 from uwserver.table import NonNegative
 from uwserver.units import NANOSECONDS
 

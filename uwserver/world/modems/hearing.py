@@ -12,8 +12,7 @@ from uwserver.frames import Vec3
 from uwserver.modifiers.base import Draws
 from uwserver.physics.kernel.random import EVENT, key_of
 from uwserver.physics.rays.raycast import Geometry
-from uwserver.sensors.modem import Modem
-from uwserver.sensors.modem_memory import Event, ModemReport
+from uwserver.sensors.modem import Event, Modem, ModemReport
 from uwserver.world.modems.packets import Leg, Packet
 
 

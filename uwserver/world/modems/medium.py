@@ -18,8 +18,7 @@ from uwserver.frames import Quat, Vec3, multiply, rotate
 from uwserver.ports import Sample
 from uwserver.ports.crossing import Later
 from uwserver.sensors.base import Scope, earlier
-from uwserver.sensors.modem import Crossing, Modem
-from uwserver.sensors.modem_memory import MOST_SEEN, ModemReport, Outgoing, Waiting
+from uwserver.sensors.modem import MOST_SEEN, Crossing, Modem, ModemReport, Outgoing, Waiting
 from uwserver.units import NANOSECONDS
 from uwserver.world.modems.hearing import Fading, drawn, is_hidden, report_of, why_lost
 from uwserver.world.modems.packets import COMING, MOST_LEGS, MOST_PACKETS, PAST, THERE, Leg, MediumState, Packet

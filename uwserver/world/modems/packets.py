@@ -7,8 +7,7 @@ from typing import Annotated, Final, Literal
 from msgspec import Meta, Struct
 
 from uwserver.modifiers.base import Number, Time
-from uwserver.sensors.modem import Signal
-from uwserver.sensors.modem_memory import MOST_BYTES
+from uwserver.sensors.modem import MOST_BYTES, Signal
 from uwserver.world.parts.part import State
 
 MOST_PACKETS = 1024

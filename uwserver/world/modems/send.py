@@ -6,8 +6,7 @@ from collections.abc import Callable
 
 from uwserver.ports import Buffer, ErrorCode, Fault, Field, Items, Json
 from uwserver.ports.crossing import Answers, Later
-from uwserver.sensors.modem import Modem, ModemTable
-from uwserver.sensors.modem_memory import MOST_QUEUE, ModemReport
+from uwserver.sensors.modem import MOST_QUEUE, Modem, ModemReport, ModemTable
 
 Submit = Callable[[int, bytes, bool], None]
 """Sends a message: address, payload, and whether an answer is wanted."""

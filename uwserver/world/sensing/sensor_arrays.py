@@ -18,8 +18,8 @@ from uwserver.physics.rays.raycast import Geometry
 from uwserver.ports.decimation import Decimation
 from uwserver.ports.sample_batch import SampleLog
 from uwserver.sensors import Scope
+from uwserver.sensors.base import Sight
 from uwserver.sensors.compiled import HEAD, SensorKernel, load
-from uwserver.sensors.others import Sight
 from uwserver.sensors.surroundings import FORMS as SURROUNDINGS
 from uwserver.sensors.surroundings import place_row, water_arrays
 from uwserver.sensors.voices import VOICE

@@ -11,9 +11,8 @@ import pytest
 from msgspec import UNSET
 from msgspec.structs import replace
 
-from uwserver.autopilot.config import AutopilotConfig
-from uwserver.autopilot.gains import Gains
-from uwserver.autopilot.sensor_inputs import FIELDS
+from uwserver.autopilot.config import AutopilotConfig, Gains
+from uwserver.autopilot.vehicle_spec import FIELDS
 from uwserver.scenario.build.autopilot import divisor_of, gains_of
 from uwserver.scenario.build.world import build
 from uwserver.scenario.files.convert import kinds_of

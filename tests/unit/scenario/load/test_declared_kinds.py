@@ -1,6 +1,6 @@
 """What a kind declares: others go by it, also where the kind is of an extension, and it is told where it cannot be.
 
-Also of uwserver.ports.messages and uwserver.sensors.traits.
+Also of uwserver.ports.messages and uwserver.sensors.base.
 """
 
 from __future__ import annotations

@@ -11,8 +11,8 @@ from msgspec import structs
 
 from uwserver.frames import quat_from_rpy
 from uwserver.sensors import BathymetryConfig, Pose
+from uwserver.sensors.acoustic.imaging.fan import Swath, cost
 from uwserver.sensors.acoustic.imaging.soundings import HEARD, bands
-from uwserver.sensors.acoustic.imaging.swath import Swath, cost
 from uwserver.testing import FakeGeometry, check_sensor
 from uwserver.testing.fake_geometry import Plane, Sphere
 from uwserver.testing.sensors import scopes

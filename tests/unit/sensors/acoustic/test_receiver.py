@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from uwserver.sensors.acoustic.imaging import speckle
-from uwserver.sensors.acoustic.imaging.swath import Swath
+from uwserver.sensors.acoustic.imaging.fan import Swath
 from uwserver.sensors.acoustic.receiver import (
     BOTTOM_LOSS_DB,
     SURFACE_LOSS_DB,

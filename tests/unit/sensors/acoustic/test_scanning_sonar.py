@@ -1,6 +1,6 @@
 """The scanning sonar: levels against the closed sonar equation, speckle against Rayleigh, the paper's picture ray by ray, and the head.
 
-Also of uwserver.sensors.acoustic.scan, uwserver.sensors.acoustic.imaging.blocks and
+Also of uwserver.sensors.acoustic.scanning_sonar, uwserver.sensors.acoustic.imaging.blocks and
 uwserver.sensors.acoustic.imaging.block_arrays.
 """
 

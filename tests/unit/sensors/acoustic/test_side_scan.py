@@ -13,8 +13,7 @@ from scipy import integrate, stats
 
 from uwserver.frames import quat_from_rpy
 from uwserver.sensors import Pose, SideScanConfig
-from uwserver.sensors.acoustic.imaging.fan import two_way
-from uwserver.sensors.acoustic.imaging.swath import Sides, cost
+from uwserver.sensors.acoustic.imaging.fan import Sides, cost, two_way
 from uwserver.testing import FakeGeometry, check_sensor
 from uwserver.testing.fake_geometry import Plane, Sphere
 from uwserver.testing.sensors import scopes

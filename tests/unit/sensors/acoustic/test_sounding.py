@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from uwserver.sensors.acoustic.imaging import speckle
-from uwserver.sensors.acoustic.receiver import Noise, Pulse, ranges
-from uwserver.sensors.acoustic.sounding import Array, blanked, listen, sound_out
+from uwserver.sensors.acoustic.receiver import Array, Noise, Pulse, blanked, listen, ranges, sound_out
 
 PULSE = Pulse(200.0, 1e-4, 3e4, 40.0)
 RANGES = ranges(50.0, 500, 1500.0, 1.0, PULSE)

@@ -18,7 +18,7 @@ from uwserver.sensors import ImuConfig, Pose, Scope
 from uwserver.sensors.compiled import HEAD, read
 from uwserver.sensors.motion.imu import Imu, ImuMemory
 from uwserver.sensors.motion.triad import HUMP, TriadErrors, TriadMemory
-from uwserver.sensors.scope_arrays import ScopeArrays
+from uwserver.sensors.surroundings import ScopeArrays
 
 STILL = Scope(
     0, (0.0, 0.0, 5.0), (1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, Water(1025.0, 9.81, 10.0, 101_325.0, (0.0,) * 3)

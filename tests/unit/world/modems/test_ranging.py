@@ -15,7 +15,7 @@ from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.sensors import ModemTable
-from uwserver.sensors.modem_memory import ModemReport
+from uwserver.sensors.modem import ModemReport
 from uwserver.world.modems.send import Ranging
 from uwserver.world.state import snapshot
 

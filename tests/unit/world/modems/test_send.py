@@ -7,7 +7,7 @@ from modem_rig import listen, modem, world_of, world_with
 
 from uwserver.ports import Refused
 from uwserver.sensors import ModemTable
-from uwserver.sensors.modem_memory import MOST_QUEUE
+from uwserver.sensors.modem import MOST_QUEUE
 from uwserver.world.state import snapshot
 
 PLACES = {"a": (0.0, 0.0, 20.0), "b": (100.0, 0.0, 20.0)}

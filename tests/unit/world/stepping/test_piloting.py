@@ -1,4 +1,4 @@
-"""An autopilot as a part: when it flies, what it hears, and that its state is a copy. Also of uwserver.autopilot.plausibility."""
+"""An autopilot as a part: when it flies, what it hears, and that its state is a copy. Also of uwserver.autopilot.arrays."""
 
 from __future__ import annotations
 

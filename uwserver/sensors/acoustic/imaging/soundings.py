@@ -8,7 +8,7 @@ import numpy as np
 
 from uwserver.physics.kernel.arrays import Array, FloatArray, IntArray
 from uwserver.physics.kernel.deferred import compiled, entry
-from uwserver.sensors.acoustic.imaging.swath import Plane
+from uwserver.sensors.acoustic.imaging.fan import Plane
 
 _FAINT = 0.01
 """Amplitude below which a beam is taken to hear nothing: -40 dB."""

@@ -22,8 +22,20 @@ from uwserver.modifiers.base import Measurement, Memory, Number, Time
 from uwserver.ports import Argument, Value
 from uwserver.sensors.acoustic.echo import SOUND_SPEED_ARGUMENT, or_truth
 from uwserver.sensors.acoustic.link import Link, LinkTable, stages_of
-from uwserver.sensors.base import Distance, Gain, Pose, Scope, Sensor, Settings, SoundSpeed, blank, earlier
-from uwserver.sensors.traits import KnownBeacon, Named, Traits
+from uwserver.sensors.base import (
+    Distance,
+    Gain,
+    KnownBeacon,
+    Named,
+    Pose,
+    Scope,
+    Sensor,
+    Settings,
+    SoundSpeed,
+    Traits,
+    blank,
+    earlier,
+)
 from uwserver.table import Name, NonNegative, Positive, Probability, Table, Vector3
 from uwserver.units import NANOSECONDS
 

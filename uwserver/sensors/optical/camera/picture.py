@@ -12,7 +12,6 @@ from uwserver.frames import Vec3, matrix, multiply, rotate
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.sensors.job import Pieces, whole
 from uwserver.sensors.optical.camera import formation, rays, snow
-from uwserver.sensors.optical.camera.cone import Balls, Cone, cone_of
 from uwserver.sensors.optical.camera.lamps import (
     COARSE,
     LAMP,
@@ -24,8 +23,8 @@ from uwserver.sensors.optical.camera.lamps import (
     veil_of,
 )
 from uwserver.sensors.optical.camera.lens import WATER_INDEX, FlatPort, Lens, Window, outside
-from uwserver.sensors.optical.camera.view import View, quat_of
-from uwserver.sensors.optical.camera.visible import Plane, Visible
+from uwserver.sensors.optical.camera.rays import Balls, Cone, cone_of
+from uwserver.sensors.optical.camera.visible import Plane, View, Visible, quat_of
 
 _LEAST_LUX = 0.02
 """Shadows of a lamp are left out where its light is weaker than this."""

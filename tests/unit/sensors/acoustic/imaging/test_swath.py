@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from uwserver.physics.rays.raycast import Hits
-from uwserver.sensors.acoustic.imaging.fan import two_way
-from uwserver.sensors.acoustic.imaging.swath import COLUMNS, Sides, Swath, depressions, reflected, unfolded
+from uwserver.sensors.acoustic.imaging.fan import COLUMNS, Sides, Swath, depressions, reflected, two_way, unfolded
 
 DEG = math.pi / 180.0
 WIDTH, HEIGHT, TILT = math.radians(1.0), math.radians(50.0), math.radians(20.0)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from uwserver.sensors.optical.camera.cone import Balls, Cone, balls_of, cone_of
+from uwserver.sensors.optical.camera.rays import Balls, Cone, balls_of, cone_of
 
 RNG = np.random.Generator(np.random.PCG64(3))
 
