@@ -634,7 +634,7 @@ FAULTS = {
 @pytest.fixture(autouse=True)
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     shorten_suite(monkeypatch)
-    monkeypatch.setattr("uwserver_adapters.moos.client.RETRY_S", 0.02)
+    monkeypatch.setattr("uwserver_adapters.moos.bridge.client.RETRY_S", 0.02)
     monkeypatch.setattr("uwserver_adapters.zenoh_bus.adapter.TAKEN_S", 0.1)
     monkeypatch.delenv("UWSERVER_TOKEN", raising=False)
 

@@ -37,7 +37,7 @@ from uwserver_adapters.morse import grammar as morse
 from uwserver_adapters.native.codec import Control, JsonCodec, MsgpackCodec
 from uwserver_adapters.native.messages import Malformed, Request
 from uwserver_adapters.native.websocket import Handshake, WebSocketCodec
-from uwserver_adapters.player import devices as player_devices
+from uwserver_adapters.player import codec as player_codec
 from uwserver_adapters.player import wire as player
 from uwserver_adapters.px4 import codec as px4
 from uwserver_adapters.ros1 import wire as tcpros
@@ -521,7 +521,7 @@ class Player(Target):
             message="Estimate",
         )
         ports = {port.path: port for port in (state, THRUSTERS)}
-        self._devices = [each for each in player_devices.devices_of(ports, 0, "estimate") if each.take is not None]
+        self._devices = [each for each in player_codec.devices_of(ports, 0, "estimate") if each.take is not None]
 
     def once(self) -> None:
         dice = self._dice
@@ -545,7 +545,7 @@ class Player(Target):
             if isinstance(event, player.PlayerMessage):
                 assert device.take is not None
                 with contextlib.suppress(Refused):
-                    assert isinstance(device.take(event), player_devices.Ask)
+                    assert isinstance(device.take(event), player_codec.Ask)
 
     def _read(self, pieces: list[bytes]) -> list[Any]:
         decoder, found = player.Decoder(), []

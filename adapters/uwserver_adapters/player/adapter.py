@@ -26,8 +26,8 @@ from uwserver.adapter import (
 )
 from uwserver.ports import Event, Fault, Refused, Reply, Sample
 from uwserver.table import Count, PortNumber, Positive
-from uwserver_adapters.player import devices, wire
-from uwserver_adapters.player.devices import Ask, Device, devices_of
+from uwserver_adapters.player import codec, wire
+from uwserver_adapters.player.codec import Ask, Device, devices_of
 from uwserver_adapters.player.wire import ACK, CMD, DATA, NACK, OPAQUE, PLAYER, REQ, SYNCH, PlayerMessage
 
 
@@ -82,7 +82,7 @@ class Server:
 
     def timestamp(self, t_ns: int | None = None) -> float:
         """Return a simulation time, by default the newest one, as seconds since 1970."""
-        return devices.timestamp(self._epoch_ns + (self._t_ns if t_ns is None else t_ns))
+        return codec.timestamp(self._epoch_ns + (self._t_ns if t_ns is None else t_ns))
 
     def follow(self) -> None:
         """Find out again which clients get the samples of which port: a client has opened or closed a device, or devices have changed."""

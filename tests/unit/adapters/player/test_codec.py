@@ -8,7 +8,7 @@ import struct
 import pytest
 from msgspec import structs
 from uwserver_adapters.player import wire
-from uwserver_adapters.player.devices import SERVICES, Ask, Device, devices_of
+from uwserver_adapters.player.codec import SERVICES, Ask, Device, devices_of
 from uwserver_adapters.player.wire import CMD, GPS, IMU, OPAQUE, POSITION3D, RANGER, REQ, PlayerMessage
 
 from uwserver.frames import quat_from_rpy
