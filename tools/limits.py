@@ -45,7 +45,7 @@ from uwserver_adapters.yarp import bottle, names
 from uwserver_adapters.yarp import wire as yarp_wire
 from uwserver_adapters.yarp.config import YarpConfig
 
-from uwserver.adapter import accepting, bounds, connection, conversation, peers
+from uwserver.adapter import accepting, base, bounds, connection, conversation, peers
 from uwserver.recording import reading, recorder
 from uwserver.scenario.files import documents, locate
 from uwserver.scenario.load import checks, scenario
@@ -178,7 +178,7 @@ def _messages() -> Iterator[Row]:
     yield "maps and lists", f"{bounds.MAX_CONTAINERS}, {bounds.MAX_DEPTH} deep", "`invalid_request`"
     yield "values, keys included", str(bounds.MAX_VALUES), "`invalid_request`"
     yield "texts in JSON", str(bounds.MAX_TEXTS), "`invalid_request`"
-    yield "names, patterns, ids", f"{refusals.WORD_LIMIT} characters", "`bad_argument`, `invalid_request`"
+    yield "names, patterns, ids", f"{base.WORD_LIMIT} characters", "`bad_argument`, `invalid_request`"
     yield "unanswered commands and calls of a peer", str(conversation.UNANSWERED), "`overload`"
     yield "a turn, and the rest before the next", f"{_ms(connection.TURN_S)}, {_ms(connection.REST_S)}", "read later"
 
@@ -229,7 +229,7 @@ def _strangers() -> Iterator[Row]:
         f"connections are accepted again after {accepting.PAUSE_S:g} s",
         "new connections wait",
     )
-    yield "a log message of one cause", f"once in {refusals.TELL_S:g} s", "counted"
+    yield "a log message of one cause", f"once in {base.TELL_S:g} s", "counted"
 
 
 def _world() -> Iterator[Row]:
