@@ -717,7 +717,7 @@ class Http(Target):
         is_whole = bool(dice.below(2))
         if not is_whole:
             head = dice.damaged(head)
-        answer = self._service.answer(head.decode("latin-1"))
+        answer = self._service.answer(head)
         top, _, body = answer.partition(b"\r\n\r\n")
         status = top[9:12].decode()
         assert top.startswith(b"HTTP/1.1 "), head
