@@ -41,7 +41,7 @@ from uwserver_adapters.video import datagrams as video_datagrams
 from uwserver_adapters.video import stream as video_stream
 from uwserver_adapters.video.config import VideoConfig
 from uwserver_adapters.yarp import adapter as yarp_adapter
-from uwserver_adapters.yarp import bottle, names
+from uwserver_adapters.yarp import bottle, links
 from uwserver_adapters.yarp import wire as yarp_wire
 from uwserver_adapters.yarp.config import YarpConfig
 
@@ -357,7 +357,7 @@ def _yarp() -> Iterator[Row]:
     yield "messages of a peer in a second", rate, "refused, not read until the second is over"
     yield "data that wait for a slow reader", _setting(YarpConfig, "queue_bytes"), "samples are left out"
     yield "connections that are being made", str(yarp_adapter.LINKS), "refused"
-    server = f"{names.ANSWER_S:g} s, {_bytes(names.ANSWER_LIMIT)}"
+    server = f"{links.ANSWER_S:g} s, {_bytes(links.ANSWER_LIMIT)}"
     yield "an answer of the name server, or of a port that is connected", server, "tried again; refused"
 
 

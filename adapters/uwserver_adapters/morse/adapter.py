@@ -19,10 +19,9 @@ from uwserver.adapter import (
 )
 from uwserver.ports import Event, Json, Sample
 from uwserver_adapters.morse.autopilot import Autopilot
-from uwserver_adapters.morse.components import Component, check_names
 from uwserver_adapters.morse.config import MorseConfig
 from uwserver_adapters.morse.connections import Requests, Stream
-from uwserver_adapters.morse.stage import Stage
+from uwserver_adapters.morse.stage import Component, Stage, check_names
 
 TRIES = 64
 """Ports that are tried for a stream while those before are in use."""

@@ -8,11 +8,10 @@ import msgspec
 
 from uwserver.adapter import Connection, Conversation, Lines, Peers, Undecodable, decode
 from uwserver.ports import Fault, Refused, Reply
-from uwserver_adapters.morse.components import Component
 from uwserver_adapters.morse.config import MorseConfig
 from uwserver_adapters.morse.grammar import Malformed, RequestDecoder, answer
 from uwserver_adapters.morse.session import Session
-from uwserver_adapters.morse.stage import Stage
+from uwserver_adapters.morse.stage import Component, Stage
 
 STREAM_LINE = 1 << 18
 """Longest command, bytes."""

@@ -9,9 +9,8 @@ from typing import Any
 from uwserver.adapter import Conversation, InFlightLimit, did_you_mean
 from uwserver.ports import Json, Refused, Reply, Sample, Service
 from uwserver_adapters.morse import codec
-from uwserver_adapters.morse.components import GOTO, Component
 from uwserver_adapters.morse.grammar import Cancel, Malformed, Request, Status, answer
-from uwserver_adapters.morse.stage import Stage
+from uwserver_adapters.morse.stage import GOTO, Component, Stage
 
 STATUS = "world/status"
 

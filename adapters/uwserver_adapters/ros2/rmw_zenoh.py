@@ -14,7 +14,6 @@ from zenoh import ext
 
 from uwserver.adapter import AdapterStats, Inbox, Refusals, Worker
 from uwserver_adapters.ros.messages.types import Types
-from uwserver_adapters.ros2.bridge import BridgeNames
 from uwserver_adapters.ros2.carrier import WAITING_BYTES, Heard, Respond
 from uwserver_adapters.ros2.config import Ros2Config
 from uwserver_adapters.ros2.graph import (
@@ -23,6 +22,7 @@ from uwserver_adapters.ros2.graph import (
     RELIABLE,
     SERVICE,
     Attachment,
+    BridgeNames,
     Names,
     attachment,
     gid,

@@ -42,7 +42,7 @@ class Performer(Protocol):
         feedback: Callable[[object], None],
         end: Callable[[int, object, bool], None],
     ) -> Callable[[], None]:
-        """See `uwserver_adapters.rosbridge.offers.Offers.perform`."""
+        """See `uwserver_adapters.rosbridge.actions.Offers.perform`."""
 
 
 class Hub:

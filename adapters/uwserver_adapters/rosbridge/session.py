@@ -13,7 +13,7 @@ from uwserver_adapters.ros.feed import call, command
 from uwserver_adapters.ros.messages.plain import built, plain
 from uwserver_adapters.ros.messages.types import BadMessage, full_name
 from uwserver_adapters.ros.parameters import Parameters
-from uwserver_adapters.rosbridge.actions import Goals
+from uwserver_adapters.rosbridge.actions import Goals, Offers
 from uwserver_adapters.rosbridge.codec import (
     Gathered,
     binary_frame,
@@ -24,7 +24,6 @@ from uwserver_adapters.rosbridge.codec import (
     text_frame,
 )
 from uwserver_adapters.rosbridge.hub import TOPICS, Hub
-from uwserver_adapters.rosbridge.offers import Offers
 from uwserver_adapters.rosbridge.rosapi import Rosapi
 from uwserver_adapters.rosbridge.subscriptions import Options, Room, Subscription, TopicMessage
 from uwserver_adapters.rosbridge.wishes import (

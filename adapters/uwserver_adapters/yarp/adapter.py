@@ -22,10 +22,9 @@ from uwserver.adapter import (
     within,
 )
 from uwserver.ports import Event, Refused, Sample
-from uwserver_adapters.yarp import codec, names
+from uwserver_adapters.yarp import codec, links
 from uwserver_adapters.yarp.config import YarpConfig
-from uwserver_adapters.yarp.links import Link, connect
-from uwserver_adapters.yarp.names import Address
+from uwserver_adapters.yarp.links import Address, Link, connect
 from uwserver_adapters.yarp.peer import Answered, Peer
 from uwserver_adapters.yarp.port import Reader, Writer, YarpPort, ports_of
 from uwserver_adapters.yarp.wire import CARRIERS, Carrier
@@ -82,7 +81,7 @@ class YarpAdapter(AdapterBase[YarpConfig]):
         config, context = self.config, self.context
         config.check_bind("YARP")
         self._host = config.reached_at()
-        self._server = names.server_of(config.name_server)
+        self._server = links.server_of(config.name_server)
         context.stats.details["name_server"] = config.name_server
         async with contextlib.AsyncExitStack() as stack:
             await self._open(stack)
@@ -161,20 +160,20 @@ class YarpAdapter(AdapterBase[YarpConfig]):
         """
         host, first = self._host, next(iter(self.ports))
         if first in self._registered:
-            (answer,) = await names.ask(self._server, [f"query {first}"], self.config.prefix)
-            known = names.address_in(answer)
+            (answer,) = await links.ask(self._server, [f"query {first}"], self.config.prefix)
+            known = links.address_in(answer)
             if known is None:
                 self._registered.clear()
             elif (known.host, known.port) != (host, self._listeners[first].port):
                 text = f"{first} belongs to {known.host}:{known.port} now: another server has this prefix"
                 self.refusals.note("prefix", text)
         if self._gone:
-            await names.ask(self._server, [f"unregister {name}" for name in sorted(self._gone)], self.config.prefix)
+            await links.ask(self._server, [f"unregister {name}" for name in sorted(self._gone)], self.config.prefix)
             self._gone.clear()
         new = [name for name in self.ports if name not in self._registered]
         if new:
             questions = [f"register {name} tcp {host} {self._listeners[name].port}" for name in new]
-            await names.ask(self._server, questions, self.config.prefix)
+            await links.ask(self._server, questions, self.config.prefix)
             self._registered.update(new)
 
     async def _leave_network(self) -> None:
@@ -184,7 +183,7 @@ class YarpAdapter(AdapterBase[YarpConfig]):
         questions = [f"unregister {name}" for name in sorted(self._registered | self._gone)]
         if questions:
             with contextlib.suppress(OSError):
-                unregistering = names.ask(self._server, questions, self.config.prefix)
+                unregistering = links.ask(self._server, questions, self.config.prefix)
                 await within(LEAVE_S, unregistering, "the name server did not answer")
 
     # -- uwserver.adapter.Subscriber ------------------------------------------------------------------------------------------------------
@@ -252,7 +251,7 @@ class YarpAdapter(AdapterBase[YarpConfig]):
 
     async def _connect(self, at: YarpPort, target: str, answered: Answered) -> None:
         try:
-            carrier, name = names.target_of(target)
+            carrier, name = links.target_of(target)
             address = await self._find(name)
             spoken = _carrier(carrier or address.carrier)
             if not at.is_output:
@@ -275,8 +274,8 @@ class YarpAdapter(AdapterBase[YarpConfig]):
         answered(outcome)
 
     async def _find(self, name: str) -> Address:
-        (answer,) = await names.ask(self._server, [f"query {name}"], self.config.prefix)
-        address = names.address_in(answer)
+        (answer,) = await links.ask(self._server, [f"query {name}"], self.config.prefix)
+        address = links.address_in(answer)
         if address is None:
             raise Refused("unknown_port", f"Do not know how to connect to {name}")
         if not may_connect(address.host, (*self.config.allowed_hosts, self._server[0])):

@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from uwserver_adapters.morse.components import check_names, components, details, places
+from uwserver_adapters.morse.stage import check_names, components, details, places
 
 from uwserver.adapter import CannotServe
 from uwserver.ports import Argument, Field, Port, Service

@@ -21,9 +21,14 @@ zenoh = pytest.importorskip("zenoh")
 
 from uwserver_adapters.ros.messages import Types  # noqa: E402
 from uwserver_adapters.ros2 import Ros2Adapter  # noqa: E402
-from uwserver_adapters.ros2.bridge import BridgeNames  # noqa: E402
 from uwserver_adapters.ros2.config import Ros2Config  # noqa: E402
-from uwserver_adapters.ros2.graph import BEST_EFFORT, LATCHED, RELIABLE, Endpoint  # noqa: E402
+from uwserver_adapters.ros2.graph import (  # noqa: E402
+    BEST_EFFORT,
+    LATCHED,
+    RELIABLE,
+    BridgeNames,
+    Endpoint,
+)
 
 NAMES = BridgeNames("aac3178e")
 HASH = "RIHS01_7d9a00ff"

@@ -16,7 +16,7 @@ from uwserver_adapters.yarp import links
 from uwserver_adapters.yarp.adapter import YarpAdapter
 from uwserver_adapters.yarp.bottle import to_binary
 from uwserver_adapters.yarp.config import YarpConfig
-from uwserver_adapters.yarp.names import server_of, target_of
+from uwserver_adapters.yarp.links import server_of, target_of
 from video_rig import CAMERA
 from video_rig import sample as filmed
 
