@@ -54,7 +54,6 @@ from uwserver.scenario.solids import archive, assets, bathymetry, memory
 from uwserver.server import http, life_cycle, profiling, recordings, state_files
 from uwserver.simulation import bus, intake, mailbox, thread
 from uwserver.units import NANOSECONDS
-from uwserver.world.faults.targets import refusals
 from uwserver.world.state import saving, services, snapshot
 
 HEAD = """\

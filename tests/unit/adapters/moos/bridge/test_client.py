@@ -10,7 +10,8 @@ from datetime import datetime, timezone
 import msgspec
 import pytest
 from msgspec.structs import replace
-from uwserver_adapters.moos import MoosAdapter, MoosDbAdapter, client, wire
+from uwserver_adapters.moos import MoosAdapter, MoosDbAdapter, wire
+from uwserver_adapters.moos.bridge import client
 from uwserver_adapters.moos.clock import DatabaseClock, MoosClock
 from uwserver_adapters.moos.config import BridgeTable, CommunityTable, MoosConfig, MoosDbConfig, NavTable, Target
 from uwserver_adapters.moos.wire import MoosMessage
