@@ -16,7 +16,8 @@ from uwserver.sensors.optical.camera import electronics
 from uwserver.sensors.optical.camera.faces import GROWTH, PLAIN, SEABED, Paint
 from uwserver.sensors.optical.camera.lamps import LampAt
 from uwserver.sensors.optical.camera.picture import Optics
-from uwserver.sensors.optical.camera.visible import Models, Pose, View, VisibleScene, VisibleThing
+from uwserver.sensors.optical.camera.view import Pose, View
+from uwserver.sensors.optical.camera.visible import Models, VisibleScene, VisibleThing
 from uwserver.units import rad
 
 DOCS = Path(__file__).parents[1] / "docs/images"

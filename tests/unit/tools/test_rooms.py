@@ -10,7 +10,7 @@ import rooms
     ("path", "tests"),
     [
         ("uwserver/world/faults/timeline.py", ("tests/unit/world/faults/test_timeline.py", "tests/unit/world/faults")),
-        ("uwserver/simulation/thread.py", ("tests/unit/simulation",)),
+        ("uwserver/simulation/thread.py", ("tests/unit/simulation/test_thread.py", "tests/unit/simulation")),
         ("uwserver/frames.py", ("tests/unit/test_frames.py",)),
         ("uwserver/__main__.py", ("tests/unit/test_main.py",)),
         ("uwserver/units.py", ()),

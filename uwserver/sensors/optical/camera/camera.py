@@ -16,8 +16,8 @@ from uwserver.sensors.base import Pose, Scope, Sensor, Settings, Traits, blank, 
 from uwserver.sensors.job import Job, PendingMeasurement, Pieces, whole
 from uwserver.sensors.optical.camera import electronics
 from uwserver.sensors.optical.camera.config import CameraTable, gain_of
-from uwserver.sensors.optical.camera.visible import Pose as Place
-from uwserver.sensors.optical.camera.visible import View
+from uwserver.sensors.optical.camera.view import Pose as Place
+from uwserver.sensors.optical.camera.view import View
 from uwserver.units import NANOSECONDS
 
 if TYPE_CHECKING:

@@ -14,7 +14,8 @@ from uwserver.sensors.optical.camera.faces import Paint
 from uwserver.sensors.optical.camera.lamps import LampAt
 from uwserver.sensors.optical.camera.lens import lens_of
 from uwserver.sensors.optical.camera.picture import Optics
-from uwserver.sensors.optical.camera.visible import Models, Pose, View, VisibleScene, VisibleThing
+from uwserver.sensors.optical.camera.view import Pose, View
+from uwserver.sensors.optical.camera.visible import Models, VisibleScene, VisibleThing
 
 KERNELS = (
     faces.average_normals, rays.turn, rays.meet_floor, rays.select, rays.meet, rays.end_inside, rays.darken, rays.depths, rays.owners,

@@ -24,7 +24,8 @@ from uwserver.sensors.optical.camera.lamps import (
 )
 from uwserver.sensors.optical.camera.lens import WATER_INDEX, FlatPort, Lens, Window, outside
 from uwserver.sensors.optical.camera.rays import Balls, Cone, cone_of
-from uwserver.sensors.optical.camera.visible import Plane, View, Visible, quat_of
+from uwserver.sensors.optical.camera.view import View, quat_of
+from uwserver.sensors.optical.camera.visible import Plane, Visible
 
 _LEAST_LUX = 0.02
 """Shadows of a lamp are left out where its light is weaker than this."""

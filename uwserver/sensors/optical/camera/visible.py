@@ -1,7 +1,4 @@
-"""Everything that cameras see of a world: painted triangles, and scenes to cast rays at. It is rebuilt when bodies are added or removed.
-
-A picture is made of a `View`: a copy of them at one instant, with the poses of the camera and the light.
-"""
+"""Everything that cameras see of a world: painted triangles, and scenes to cast rays at. It is rebuilt when bodies are added or removed."""
 
 from __future__ import annotations
 
@@ -10,56 +7,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uwserver.environment.light import Daylight, WaterLight
-from uwserver.frames import Quat, Vec3, matrix
+from uwserver.frames import matrix
 from uwserver.physics.geometry.shapes import Solid
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.sensors.optical.camera.faces import FACE, Paint, blank_faces, floors, solid_faces
 from uwserver.sensors.optical.camera.gltf import BadGltf, GltfModel, read_glb
 from uwserver.sensors.optical.camera.rays import THING, PickScene, Placed, pick_scene
 from uwserver.sensors.optical.camera.textures import Atlas, BadTexture, ByteBudget, Picture
-
-
-class Pose(NamedTuple):
-    """The pose of a camera: p_NS (m) and q_NS."""
-
-    p: Vec3
-    q: Quat
-
-
-class View(NamedTuple):
-    """Everything that a picture is made of, copied from the world at one instant.
-
-    Attributes:
-        t: simulation time, s.
-        scene: a `visible.VisibleScene` of the things.
-        state: (n, 13) state of the bodies.
-        first, last: poses of the camera when the first and the last row of pixels are read.
-        depth: depth of the camera below the surface, m; negative in air.
-        water, day: light.
-        lamps: `lamps.LampAt` of all lamps that shine.
-        current: current of the water, m/s in N.
-        own: row of the camera's vehicle; -1 for none.
-    """
-
-    t: float
-    scene: Any
-    state: FloatArray
-    first: Pose
-    last: Pose
-    depth: float
-    water: WaterLight
-    day: Daylight
-    lamps: tuple[Any, ...] = ()
-    current: Vec3 = (0.0, 0.0, 0.0)
-    own: int = -1
-
-
-def quat_of(x: FloatArray) -> Quat:
-    """Return the attitude of a state (13)."""
-    w, i, j, k = x[3:7].tolist()
-    return (w, i, j, k)
-
+from uwserver.sensors.optical.camera.view import quat_of
 
 LATTICE_M = 1024.0
 """Distance between the centres of static scenes. With one scene for all, float32 would be coarse if something is far away."""

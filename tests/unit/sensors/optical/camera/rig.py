@@ -10,7 +10,8 @@ from uwserver.environment.light import Daylight, WaterLight
 from uwserver.frames import IDENTITY, Quat, Vec3
 from uwserver.physics.geometry.shapes import Box, HalfSpace, Placed, Shape, Solid
 from uwserver.sensors.optical.camera.faces import Paint
-from uwserver.sensors.optical.camera.visible import Models, Pose, View, VisibleScene, VisibleThing
+from uwserver.sensors.optical.camera.view import Pose, View
+from uwserver.sensors.optical.camera.visible import Models, VisibleScene, VisibleThing
 
 GREY = Paint([(0.5, 0.5, 0.5)])
 CLEAR = WaterLight((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))

@@ -17,7 +17,7 @@ from uwserver.sensors.optical.camera.lamps import LampAt
 from uwserver.sensors.optical.camera.lens import FlatPort, lens_of
 from uwserver.sensors.optical.camera.picture import Optics
 from uwserver.sensors.optical.camera.rays import Buffers, Placed
-from uwserver.sensors.optical.camera.visible import Pose
+from uwserver.sensors.optical.camera.view import Pose
 
 LENS = lens_of((64, 48), 1.2)
 MIDDLE = 24 * 64 + 32
