@@ -14,14 +14,20 @@ from matplotlib import pyplot as plt
 
 from uwserver.cli.recordings.pictures import picture
 from uwserver.environment.column import ThermoclineColumn, WaterColumn, absorption
+from uwserver.environment.water import Water
+from uwserver.frames import IDENTITY
+from uwserver.physics.kernel.arrays import Pool
+from uwserver.physics.kernel.random import key_of
 from uwserver.ports import Sample
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.vehicle.entry import VehicleEntry
 from uwserver.scenario.world.tables import WorldTable
-from uwserver.sensors import BatteryConfig, GpsConfig, ImuConfig
-from uwserver.sensors.motion.triad import TriadErrors
+from uwserver.sensors import BatteryConfig, GpsConfig, ImuConfig, Pose, Scope
+from uwserver.sensors.compiled import HEAD, read
+from uwserver.sensors.motion.imu import Imu
+from uwserver.sensors.surroundings import ScopeArrays
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 
@@ -65,7 +71,7 @@ def imu_grades() -> None:
     for name, config in sensors.items():
         if not name.startswith("x_") or not isinstance(config, ImuConfig):
             continue
-        tau, deviation = _allan(config.gyroscope, 40_000)
+        tau, deviation = _allan(config, 40_000)
         axis.loglog(tau, np.degrees(deviation) * 3600.0, label=name.removeprefix("x_"))
     axis.set_xlabel("averaging time, s")
     axis.set_ylabel("gyroscope, °/h")
@@ -74,14 +80,20 @@ def imu_grades() -> None:
     figure.savefig(IMAGES / "sensors_imu.png", dpi=80)
 
 
-def _allan(errors: TriadErrors, n: int) -> tuple[list[float], list[float]]:
-    from uwserver.scenario.build.world import stream_of
-    from uwserver.sensors.motion.triad import Triad
-
-    rng = stream_of(1, "plot")
-    triad = Triad(errors)
-    memory = triad.turn_on(rng)
-    record = np.array([triad.read((0.0, 0.0, 0.0), memory, 0, 1.0, rng) for _ in range(n)])
+def _allan(config: ImuConfig, n: int) -> tuple[list[float], list[float]]:
+    """Return averaging times (s) and the Allan deviations (rad/s) of n readings, one a second, of gyroscopes at rest."""
+    water = Water(1025.0, 9.81, 10.0, 101_325.0, (0.0, 0.0, 0.0))
+    scope = Scope(0, (0.0, 0.0, 5.0), IDENTITY, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), water)
+    heads, rows, numbers = Pool(HEAD, 1), Pool(Imu.kernel.record, 1), np.zeros(7)
+    imu = config.build(Pose())
+    imu.start(key_of(1, "plot"))
+    imu.enter(heads, rows)
+    heads.rows["width"], heads.rows["dt"] = len(numbers), 1.0
+    table, due, record = ScopeArrays(scope).table, np.arange(1), np.empty((n, 3))
+    for number in range(n):
+        heads.rows["number"] = number
+        read(Imu.kernel, heads.rows, rows.rows, numbers, due, table, 0.0, scope.geometry)
+        record[number] = numbers[3:6]
     angle = np.cumsum(record, axis=0)
     taus = [m for m in (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096) if 8 * m < n]
     second = [angle[2 * m :] - 2 * angle[m:-m] + angle[: -2 * m] for m in taus]
