@@ -26,6 +26,18 @@ _Frame = Callable[[bytes], bytes]
 _Fill = Callable[[bytes | None], None]
 
 
+CACHED_PATTERNS = 64
+"""Patterns whose ports or description are remembered. They are bounded because clients choose them."""
+COVERED = 2048
+"""Ports that all subscriptions of a client may cover together, each counted for each subscription. If there are many ports, it is twice their
+number. There is a limit because each sample is compared with all subscriptions that cover its port."""
+TOGETHER = 512
+"""Samples that are encoded in one go, which takes less than a millisecond."""
+UPDATE_TICKS = 16
+"""Ticks with samples before the world is told what is enough, so that it is told of many new subscriptions at once."""
+_Key = tuple[str, tuple[str, ...] | None, bool]
+
+
 class Jpegs:
     """Sends the pictures of a `Fanout` as JPEG.
 
@@ -98,20 +110,6 @@ class Jpegs:
                 if body is not None and frame not in messages:
                     messages[frame] = frame(body)
                 fill(messages.get(frame))
-
-
-CACHED_PATTERNS = 64
-"""Patterns whose ports or description are remembered. They are bounded because clients choose them."""
-COVERED = 2048
-"""Ports that all subscriptions of a client may cover together, each counted for each subscription. If there are many ports, it is twice their
-number. There is a limit because each sample is compared with all subscriptions that cover its port."""
-TOGETHER = 512
-"""Samples that are encoded in one go, which takes less than a millisecond."""
-UPDATE_TICKS = 16
-"""Ticks with samples before the world is told what is enough, so that it is told of many new subscriptions at once."""
-
-
-_Key = tuple[str, tuple[str, ...] | None, bool]
 
 
 class Fanout:

@@ -24,6 +24,37 @@ from uwserver.ports import Progress, Refused, Reply, SceneState
 from uwserver_adapters.web.config import WebConfig
 from uwserver_adapters.web.service import WebService
 
+log = logging.getLogger(__name__)
+
+KINDS: Final[Mapping[str, str]] = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".mjs": "text/javascript; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".json": "application/json",
+    ".svg": "image/svg+xml",
+    ".png": "image/png",
+    ".webp": "image/webp",
+    ".ico": "image/vnd.microsoft.icon",
+    ".woff2": "font/woff2",
+    ".glb": "model/gltf-binary",
+    ".txt": "text/plain; charset=utf-8",
+}
+"""Content type by suffix. Files with other suffixes are not served."""
+_COMPRESSED: Final = ("text/", "application/json", "image/svg")
+"""Beginnings of the content types that are compressed."""
+INDEX: Final = "index.html"
+_MOST_FILES = 2000
+_IMPORT_MAP: Final = re.compile(rb'<script\s+type="importmap"\s*>(.*?)</script>', re.DOTALL)
+NO_PAGE: Final = b"""<!doctype html><meta charset="utf-8"><title>uwserver</title>
+<p>The files of the web view are missing in this installation of uwserver; its data are served here all the same: /world.json and /live.</p>
+"""
+LIVE: Final = "/live"
+_BY_HASH: Final = re.compile(r"/(mesh|looks)/([0-9a-f]{64})\.(bin|glb)")
+_FOR_EVER: Final = ("Cache-Control", "private, max-age=31536000, immutable")
+_ANEW: Final = ("Cache-Control", "no-cache")
+_JSON: Final = "application/json"
+
 
 class Answer(NamedTuple):
     """An answer, after which the connection is closed.
@@ -74,32 +105,6 @@ def is_same(request: Request, etag: str) -> bool:
     """Return whether the peer already has this version."""
     known = ",".join(request.headers.get("if-none-match", ()))
     return etag in {each.strip().removeprefix("W/") for each in known.split(",")}
-
-
-KINDS: Final[Mapping[str, str]] = {
-    ".html": "text/html; charset=utf-8",
-    ".js": "text/javascript; charset=utf-8",
-    ".mjs": "text/javascript; charset=utf-8",
-    ".css": "text/css; charset=utf-8",
-    ".json": "application/json",
-    ".svg": "image/svg+xml",
-    ".png": "image/png",
-    ".webp": "image/webp",
-    ".ico": "image/vnd.microsoft.icon",
-    ".woff2": "font/woff2",
-    ".glb": "model/gltf-binary",
-    ".txt": "text/plain; charset=utf-8",
-}
-"""Content type by suffix. Files with other suffixes are not served."""
-_COMPRESSED: Final = ("text/", "application/json", "image/svg")
-"""Beginnings of the content types that are compressed."""
-INDEX: Final = "index.html"
-_MOST_FILES = 2000
-_IMPORT_MAP: Final = re.compile(rb'<script\s+type="importmap"\s*>(.*?)</script>', re.DOTALL)
-
-NO_PAGE: Final = b"""<!doctype html><meta charset="utf-8"><title>uwserver</title>
-<p>The files of the web view are missing in this installation of uwserver; its data are served here all the same: /world.json and /live.</p>
-"""
 
 
 class StaticFile(NamedTuple):
@@ -182,17 +187,12 @@ def page_folder() -> Path:
     return beside if beside.is_dir() else Path(__file__).parents[3] / "clients" / "web"
 
 
-log = logging.getLogger(__name__)
-
-OnAnswer = Callable[[Answer], None]
-LIVE: Final = "/live"
-_BY_HASH: Final = re.compile(r"/(mesh|looks)/([0-9a-f]{64})\.(bin|glb)")
-_FOR_EVER: Final = ("Cache-Control", "private, max-age=31536000, immutable")
-_ANEW: Final = ("Cache-Control", "no-cache")
-_JSON: Final = "application/json"
 _WANTS_TOKEN: Final = text(
     "401 Unauthorized", "this server wants a token: Authorization: Bearer ...", ("WWW-Authenticate", "Bearer")
 )
+
+
+OnAnswer = Callable[[Answer], None]
 
 
 class Site:

@@ -26,6 +26,8 @@ LINE_UNREAD_S = 0.05
 """Wall time before a listing goes on of which too much waits for the line."""
 FULL = 1 << 14
 """Bytes that may wait for the line before a listing pauses."""
+UNREAD_S = 0.01
+"""Wall time before a listing goes on whose user had not read what was sent."""
 
 
 class SerialLine:
@@ -74,10 +76,6 @@ class SerialLine:
             self._users.context.stats.bytes_sent += len(data)
         else:
             self._users.context.stats.dropped += 1
-
-
-UNREAD_S = 0.01
-"""Wall time before a listing goes on whose user had not read what was sent."""
 
 
 class TextConnection(Connection):
