@@ -191,8 +191,9 @@ def test_beams_end_where_they_hit_and_touches_are_dots(page: Page) -> None:
       }});
       return [...at("dvl"), ...at("altimeter")];
     }})()"""
+    page.wait(f"{ends}.length === 5", "the beams are drawn, which a paused world cannot bring about")
     page.ask("uw.app.link.call('world/pause')")
-    page.wait(f"{ends}.length === 5 && {ends}.every((depth) => Math.abs(depth - 6) < 0.1)", "all end on the seabed")
+    page.wait(f"{ends}.every((depth) => Math.abs(depth - 6) < 0.1)", "all end on the seabed")
     assert page.ask(f"{SCENE}.beams.find((b) => b.sensor.kind === 'scanning_sonar').head !== null")
     page.ask("uw.app.link.call('world/resume')")
     dots = f"{SCENE}.touches.dots.filter((dot) => dot.visible).map((dot) => dot.position.z)"
