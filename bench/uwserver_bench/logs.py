@@ -33,6 +33,9 @@ TLOG_BAR, ALOG_BAR, CONTENTS_BAR_S = 50e3, 500e3, 1.0
 _START_US = 1_760_000_000_000_000
 _MESSAGE_BYTES = 4000
 _CHANNELS = 50
+SCENARIO, CLIENTS = "rov_autopilot", 5
+RECORDING_BAR, PLAYBACK_BAR, SEEK_BAR_MS = 0.05, 30.0, 200.0
+_PIECE = 1 << 18
 
 
 def bench_logs(quick: bool, say: Callable[[str], None]) -> list[Row]:
@@ -125,10 +128,6 @@ def _mcap(file: Path, megabytes: int) -> Path:
 
 
 # -- recordings -------------------------------------------------------------------------------------------------------------------------
-
-SCENARIO, CLIENTS = "rov_autopilot", 5
-RECORDING_BAR, PLAYBACK_BAR, SEEK_BAR_MS = 0.05, 30.0, 200.0
-_PIECE = 1 << 18
 
 
 def bench_recordings(quick: bool, say: Callable[[str], None]) -> list[Row]:

@@ -14,6 +14,8 @@ from typing import Literal
 from uwserver.simulation.clock import utc_text
 
 Verdict = Literal["ok", "miss", "info", "absent"]
+FORMAT = "uwserver-bench-1"
+_PACKAGES = ("uwserver", "numpy", "numba", "msgspec", "pybullet", "mujoco")
 
 
 @dataclass(frozen=True)
@@ -59,11 +61,6 @@ def quantile(values: Sequence[float], part: float) -> float:
     """Return the smallest value that at least the part `part` (0..1) of all values do not exceed. `values` must not be empty."""
     ordered = sorted(values)
     return ordered[min(len(ordered) - 1, max(0, -int(-part * len(ordered) // 1) - 1))]
-
-
-FORMAT = "uwserver-bench-1"
-
-_PACKAGES = ("uwserver", "numpy", "numba", "msgspec", "pybullet", "mujoco")
 
 
 @dataclass(frozen=True)

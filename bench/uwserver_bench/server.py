@@ -69,6 +69,10 @@ CHANGING = {
     "command": COMMAND,
     "call rov/imu/get": '{"jsonrpc":"2.0","id":1,"method":"call","params":{"service":"rov/imu/get"}}',
 }
+DEFAULT_SCENARIO = "bluerov2_pool"
+START_BAR_S, IMPORT_BAR_S, MEMORY_BAR_MB = 3.0, 0.03, 250.0
+_SETTLE_S = 3.0
+_SAMPLE_TIMEOUT_S = 30.0
 
 
 def bench_server(quick: bool, say: Callable[[str], None]) -> list[Row]:
@@ -204,12 +208,6 @@ def _now(served: Served) -> tuple[int, int]:
 
 def _ticks_per_s(before: tuple[int, int], after: tuple[int, int]) -> float:
     return (after[1] - before[1]) / ((after[0] - before[0]) * 1e-9)
-
-
-DEFAULT_SCENARIO = "bluerov2_pool"
-START_BAR_S, IMPORT_BAR_S, MEMORY_BAR_MB = 3.0, 0.03, 250.0
-_SETTLE_S = 3.0
-_SAMPLE_TIMEOUT_S = 30.0
 
 
 def bench_start(quick: bool, say: Callable[[str], None]) -> list[Row]:

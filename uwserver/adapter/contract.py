@@ -1,8 +1,9 @@
 """The contract between the server and an adapter, and how adapters are found.
 
 An adapter serves ports in one protocol. It lives on the asyncio loop, never on the simulation thread, and sees the world only through its
-`AdapterContext`. A new adapter is one folder, or one distribution, with an entry point in the group ``uwserver.adapters``; nothing in uwserver
-has to be edited for it. If each packet of a peer is a tick, the adapter has a `Driver`, which runs on the simulation thread.
+`AdapterContext`; what it knows without a request is in `WorldFacts`. A new adapter is one folder, or one distribution, with an entry point in the
+group ``uwserver.adapters``; nothing in uwserver has to be edited for it. If each packet of a peer is a tick, the adapter has a `Driver`, which runs
+on the simulation thread.
 """
 
 from __future__ import annotations

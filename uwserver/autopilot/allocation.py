@@ -31,6 +31,10 @@ _OUT_OF_REACH = 0.05
 """An axis is out of reach if less than this part of its wrench is independent of the axes that are controlled already."""
 
 THRUSTERS, FINS, WRENCHES = range(3)
+NO_CURVES = np.zeros((0, 2))
+"""The curves of devices that have none."""
+SLOW_MPS = 0.3
+"""Below this speed the effect of fins is taken to be that at this speed."""
 
 
 @dataclass(frozen=True)
@@ -142,10 +146,6 @@ def curve_points(points: Sequence[tuple[float, float]]) -> tuple[FloatArray, int
     return np.array([*astern, (0.0, back), (0.0, edge), *forward]), len(astern) + 1, len(forward) + 1
 
 
-NO_CURVES = np.zeros((0, 2))
-"""The curves of devices that have none."""
-
-
 @compiled
 def command_for(curves: Array, first: int, astern: int, ahead: int, force: float) -> float:
     """Return the least command u that makes a force (N); 0 for no force."""
@@ -237,10 +237,6 @@ def allocate_wrench(devices: Array, tau: Six) -> Six:
     return (
         devices[0].force, devices[1].force, devices[2].force, devices[3].force, devices[4].force, devices[5].force,
     )  # fmt: skip
-
-
-SLOW_MPS = 0.3
-"""Below this speed the effect of fins is taken to be that at this speed."""
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,8 @@ from uwserver.physics.kernel import layout
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.straight import address_of, straight
 
+R = TypeVar("R", Estimate, Memory, Orders)
+
 
 class Form(NamedTuple):
     """Form of a field in a row: `read` makes the value from the number there, and `write` the number from the value."""
@@ -72,8 +74,6 @@ _FORMS: Mapping[str, Form] = {
         ("leak", "armed", "waits", "looks", "blind", "settled", "astray", "entered"), _choice((False, True))
     ),
 }
-
-R = TypeVar("R", Estimate, Memory, Orders)
 
 
 class _Place(NamedTuple):

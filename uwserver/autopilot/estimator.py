@@ -55,6 +55,22 @@ SPREAD = 1e-4
 
 Measured = tuple[float, float, float, Six]
 """Effect of a measurement: the Kalman gains of p, v and b, and the covariance after it."""
+LEVELLING = 0.5
+"""Rate at which the accelerometer corrects the tilt if no device measures the attitude, 1/s."""
+ALONE_NS = NANOSECONDS // 2
+"""After this time without an attitude from a device, the IMU alone gives the tilt."""
+QUIET = 0.3
+"""A specific force shows the vertical if it differs from gravity by less than this part."""
+DRIFT_S, DRIFT_RADPS = 5.0, 0.05
+"""Time constant with which the error of the gyroscope is learnt if a device measures the attitude; largest error that is accepted."""
+STUBBORN = 8
+"""After this number of unlikely fixes in a row they are accepted."""
+JUMP_MPS, FEW = 0.5, 3
+"""A velocity that is off by more than this is rejected as a false echo, unless FEW have been rejected in a row."""
+DEPTH_VARIANCE = 0.01**2
+VELOCITY_VARIANCE = 0.02**2
+COASTING_S = 2.0
+"""Time constant with which a motion that no sensor measures is assumed to die away, s."""
 
 
 @compiled
@@ -111,23 +127,6 @@ def is_likely(innovation: float, c: Six, variance: float) -> bool:
     """Return whether a difference of a measured position from the estimate (m) is within six standard deviations."""
     return abs(innovation) <= 6.0 * math.sqrt(c[0] + variance)
 
-
-LEVELLING = 0.5
-"""Rate at which the accelerometer corrects the tilt if no device measures the attitude, 1/s."""
-ALONE_NS = NANOSECONDS // 2
-"""After this time without an attitude from a device, the IMU alone gives the tilt."""
-QUIET = 0.3
-"""A specific force shows the vertical if it differs from gravity by less than this part."""
-DRIFT_S, DRIFT_RADPS = 5.0, 0.05
-"""Time constant with which the error of the gyroscope is learnt if a device measures the attitude; largest error that is accepted."""
-STUBBORN = 8
-"""After this number of unlikely fixes in a row they are accepted."""
-JUMP_MPS, FEW = 0.5, 3
-"""A velocity that is off by more than this is rejected as a false echo, unless FEW have been rejected in a row."""
-DEPTH_VARIANCE = 0.01**2
-VELOCITY_VARIANCE = 0.02**2
-COASTING_S = 2.0
-"""Time constant with which a motion that no sensor measures is assumed to die away, s."""
 
 _north_east = compiled(earth.north_east)
 

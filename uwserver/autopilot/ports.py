@@ -34,6 +34,33 @@ _DEEP = 12_000.0
 
 Part = tuple[float, ...] | None
 """One field of a command; None if it was left out."""
+TEXTS: tuple[tuple[Value, ...], ...] = tuple([(mode, reason) for mode in MODES for reason in REASONS])
+"""All texts that a reading can have."""
+_P_N = "place of the body origin in N"
+_PLACE = Argument("position_ned_m", "float", _P_N, "m", shape=(3,), minimum=-_FAR, maximum=_FAR)
+_THERE = (
+    Argument("position_ned_m", "float", f"{_P_N}, with its depth", "m", False, shape=(3,), minimum=-_FAR, maximum=_FAR),
+    Argument("position_ne_m", "float", "the same without the depth: then give depth_m or altitude_m", "m", False, shape=(2,), minimum=-_FAR,
+             maximum=_FAR),
+    Argument("depth_m", "float", "of position_ne_m", "m", False, minimum=-_FAR, maximum=_FAR),
+    Argument("altitude_m", "float", "of position_ne_m, above the bottom, also on the way", "m", False, minimum=0.01, maximum=12_000.0),
+)  # fmt: skip
+_FORCE = Argument(
+    "force", "bool", "arm even if a sensor is missing or there is water in the hull", required=False, default=False
+)
+_MODE = Argument("mode", "str", "what it holds", choices=MODES)
+_HEADING = Argument(
+    "heading_deg", "float", "heading on the way, in degrees; default: the direction of travel", required=False,
+    minimum=-1e4, maximum=1e4,
+)  # fmt: skip
+_SPEED = Argument(
+    "speed_mps", "float", "speed on the way; default: cruise_mps", "m/s", required=False, minimum=0.01, maximum=20.0
+)
+_ITEMS = Argument("items", "json", "list of waypoint, hold, speed, heading and surface items")
+_FLOWN = Argument("items", "json", "of the mission; default: the present mission", required=False)
+_INDEX = Argument("index", "int", "item to begin with", required=False, default=0, minimum=0, maximum=1e6)
+_NAME = Argument("name", "str", "name of a gain, as in the reply of get_gains", choices=Gains.__struct_fields__)
+_VALUE = Argument("value", "float", "in the unit that its name or its text says")
 
 
 def _keep() -> None:
@@ -236,9 +263,6 @@ _STATE = (
     Field("failsafe", "1", "why it does not do what it was told; empty when it does", type="str"),
 )
 
-TEXTS: tuple[tuple[Value, ...], ...] = tuple([(mode, reason) for mode in MODES for reason in REASONS])
-"""All texts that a reading can have."""
-
 
 class StateSensor(IdealSensor):
     """The estimate and the set points of an autopilot, as a sensor."""
@@ -274,32 +298,6 @@ class StateSensor(IdealSensor):
 
 Asked = Mapping[str, Json]
 Answer = Callable[[Asked], Json | Later]
-
-_P_N = "place of the body origin in N"
-_PLACE = Argument("position_ned_m", "float", _P_N, "m", shape=(3,), minimum=-_FAR, maximum=_FAR)
-_THERE = (
-    Argument("position_ned_m", "float", f"{_P_N}, with its depth", "m", False, shape=(3,), minimum=-_FAR, maximum=_FAR),
-    Argument("position_ne_m", "float", "the same without the depth: then give depth_m or altitude_m", "m", False, shape=(2,), minimum=-_FAR,
-             maximum=_FAR),
-    Argument("depth_m", "float", "of position_ne_m", "m", False, minimum=-_FAR, maximum=_FAR),
-    Argument("altitude_m", "float", "of position_ne_m, above the bottom, also on the way", "m", False, minimum=0.01, maximum=12_000.0),
-)  # fmt: skip
-_FORCE = Argument(
-    "force", "bool", "arm even if a sensor is missing or there is water in the hull", required=False, default=False
-)
-_MODE = Argument("mode", "str", "what it holds", choices=MODES)
-_HEADING = Argument(
-    "heading_deg", "float", "heading on the way, in degrees; default: the direction of travel", required=False,
-    minimum=-1e4, maximum=1e4,
-)  # fmt: skip
-_SPEED = Argument(
-    "speed_mps", "float", "speed on the way; default: cruise_mps", "m/s", required=False, minimum=0.01, maximum=20.0
-)
-_ITEMS = Argument("items", "json", "list of waypoint, hold, speed, heading and surface items")
-_FLOWN = Argument("items", "json", "of the mission; default: the present mission", required=False)
-_INDEX = Argument("index", "int", "item to begin with", required=False, default=0, minimum=0, maximum=1e6)
-_NAME = Argument("name", "str", "name of a gain, as in the reply of get_gains", choices=Gains.__struct_fields__)
-_VALUE = Argument("value", "float", "in the unit that its name or its text says")
 
 
 def services(pilot: Autopilot) -> Iterator[tuple[Service, Answer]]:

@@ -36,6 +36,12 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
 MESSAGES = tuple(FIELDS)
 IMU, ATTITUDE, PRESSURE, DVL, ALTIMETER, GPS, MOTION_CAPTURE, USBL, LBL, LEAK, BATTERY = range(len(MESSAGES))
 """Codes of the messages."""
+STOPS_M, PASSES_M = 0.15, 1.0
+"""Default distance at which a place counts as reached: for a vehicle that can stop there, and for one that cannot."""
+MEASURED = 0.01
+"""Density of the error of a measured acceleration, m2/s3."""
+UNMEASURED = 0.25
+"""The same without an accelerometer: how much vehicles accelerate."""
 
 
 def fields_used(message: str, fields: Collection[Field]) -> tuple[str, ...]:
@@ -129,14 +135,6 @@ class SensorInputs:
             if values[k] in self._names:
                 numbers[-1] = self._names.index(str(values[k]))
         return self.ports.index(port), numbers
-
-
-STOPS_M, PASSES_M = 0.15, 1.0
-"""Default distance at which a place counts as reached: for a vehicle that can stop there, and for one that cannot."""
-MEASURED = 0.01
-"""Density of the error of a measured acceleration, m2/s3."""
-UNMEASURED = 0.25
-"""The same without an accelerometer: how much vehicles accelerate."""
 
 
 class Held(Protocol):

@@ -44,6 +44,8 @@ findings of their own."""
 
 _WAITS, _PERIOD_NS, _LATE_NS = 200, NANOSECONDS // 500, NANOSECONDS // 1000
 _NEEDED_MB = 400
+_COLOURS: Mapping[Level, Colour] = {"ok": "green", "warning": "yellow", "fault": "red"}
+_SIGNS = {"ok": "ok     ", "warning": "warning", "fault": "FAULT  "}
 
 
 @dataclass(frozen=True)
@@ -266,9 +268,6 @@ def examine(reference: str = "") -> Iterator[Finding]:
 
 
 # -- the command ------------------------------------------------------------------------------------------------------------------------
-
-_COLOURS: Mapping[Level, Colour] = {"ok": "green", "warning": "yellow", "fault": "red"}
-_SIGNS = {"ok": "ok     ", "warning": "warning", "fault": "FAULT  "}
 
 
 @click.command(short_help="Test this machine, and whether it has what a scenario needs.")

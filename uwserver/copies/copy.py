@@ -40,6 +40,8 @@ _SCHEDULE = ("course", "writings", "repeatings", "repeated", "shares", "schedule
 _STATELESS = {"world/bodies", "world/samples", "world/autopilots", "world/commands", "world/population"}
 """Parts whose state is only in arrays, or never changes in a batch."""
 _NO_ENTRIES, _NO_NUMBERS = np.zeros(0, ENTRY), np.zeros(0)
+LINE = 64
+"""Bytes of a memory line, which the processor fetches together."""
 
 
 class Copy:
@@ -208,9 +210,6 @@ def _stateful(part: Part) -> bool:
 
 # -- memory -----------------------------------------------------------------------------------------------------------------------------
 
-
-LINE = 64
-"""Bytes of a memory line, which the processor fetches together."""
 
 Place = Callable[[Any], Any]
 """Returns a copy of an array in other memory."""

@@ -13,6 +13,14 @@ from uwserver.modifiers.columns import Columns
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.ports import Field, Port
 
+STATES = (
+    ("p_NB", 0, 3, "m", "N", "position of the body origin: north, east, down"),
+    ("q_NB", 3, 7, "1", "NB", "attitude, w x y z"),
+    ("v_NB_B", 7, 10, "m/s", "B", "velocity of the body origin: forward, starboard, down"),
+    ("w_NB_B", 10, 13, "rad/s", "B", "angular rate"),
+)
+"""Columns of a state: name, first column, end, unit, frame, meaning."""
+
 
 class Readings(Mapping[str, NDArray[Any]]):
     """The newest delivered samples of one port of n copies: ``readings["depth"]`` is an array (n, *shape of the field).
@@ -75,15 +83,6 @@ class Readings(Mapping[str, NDArray[Any]]):
 
     def __len__(self) -> int:
         return len(self._places)
-
-
-STATES = (
-    ("p_NB", 0, 3, "m", "N", "position of the body origin: north, east, down"),
-    ("q_NB", 3, 7, "1", "NB", "attitude, w x y z"),
-    ("v_NB_B", 7, 10, "m/s", "B", "velocity of the body origin: forward, starboard, down"),
-    ("w_NB_B", 10, 13, "rad/s", "B", "angular rate"),
-)
-"""Columns of a state: name, first column, end, unit, frame, meaning."""
 
 
 def described(

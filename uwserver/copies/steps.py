@@ -21,6 +21,11 @@ from uwserver.ports import Refused
 from uwserver.step import rows
 from uwserver.world.stepping.stepping import QUIET
 
+MOST_THREADS = 16
+LEAST_COPIES = 128
+"""With fewer copies, the loops of a tick take less time than two threads need to start together."""
+_MOST_UNASKED = 4
+
 
 class Steps:
     """Steps n copies.
@@ -97,12 +102,6 @@ class Steps:
 
 
 # -- threads ----------------------------------------------------------------------------------------------------------------------------
-
-
-MOST_THREADS = 16
-LEAST_COPIES = 128
-"""With fewer copies, the loops of a tick take less time than two threads need to start together."""
-_MOST_UNASKED = 4
 
 
 def threads_for(n: int, wanted: int | None) -> int:

@@ -18,6 +18,11 @@ from uwserver.table import Positive, Table
 
 _DB_PER_M = 1e-3
 """The formulas of the paper use dB/km and kHz."""
+_DECIBAR = 1e4
+_GRID = np.concatenate([np.arange(0.0, 300.0, 0.5), np.arange(300.0, 2000.0, 5.0), np.arange(2000.0, 12_001.0, 25.0)])
+"""Depths of the tables, m; the depths where a profile bends are added. The error of linear interpolation is less than 0.002 m/s of sound speed."""
+DEPTH, TEMPERATURE, SALINITY, DENSITY, SOUND_SPEED, PRESSURE = range(6)
+"""Columns of `WaterColumn.table`."""
 
 
 def absorption(frequency_Hz: float, temperature: float, salinity: float, depth: float, ph: float = 8.0) -> float:
@@ -49,14 +54,6 @@ def absorption(frequency_Hz: float, temperature: float, salinity: float, depth: 
 
 Temperature = Annotated[float, Meta(ge=-2, le=40)]
 Salinity = Annotated[float, Meta(ge=0, le=42)]
-
-_DECIBAR = 1e4
-_GRID = np.concatenate([np.arange(0.0, 300.0, 0.5), np.arange(300.0, 2000.0, 5.0), np.arange(2000.0, 12_001.0, 25.0)])
-"""Depths of the tables, m; the depths where a profile bends are added. The error of linear interpolation is less than 0.002 m/s of sound speed."""
-
-
-DEPTH, TEMPERATURE, SALINITY, DENSITY, SOUND_SPEED, PRESSURE = range(6)
-"""Columns of `WaterColumn.table`."""
 
 
 class ColumnTable(Table, tag_field="kind", kw_only=True, frozen=True):

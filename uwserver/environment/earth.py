@@ -15,6 +15,12 @@ SEMI_MAJOR_AXIS = 6_378_137.0
 """Of WGS84, m (NIMA TR8350.2)."""
 _TURN = 2.0 * math.pi
 ECCENTRICITY_SQUARED = 6.694_379_990_14e-3
+NO_FIELD: tuple[Vec3, Vec3, Vec3, Vec3] = ((0.0, 0.0, 0.0),) * 4
+"""Value of `Earth.magnetic` if nothing needs the field."""
+EARTH_RATE = 7.292115e-5
+"""Angular rate of the Earth, rad/s; WGS 84 (NIMA TR8350.2, table 3.1)."""
+GRAVITY_GROWTH = 2.26e-7
+"""Relative growth of gravity per metre of depth: free-air gradient less the attraction of the water above, as in TEOS-10 (gsw_grav)."""
 
 
 def north_east(
@@ -55,16 +61,6 @@ def latitude_longitude(
     x, z = x + c * up, z + s * up
     longitude = origin_longitude + math.atan2(east, x)
     return math.atan2(z, flat * math.hypot(x, east)), longitude - _TURN * round(longitude / _TURN)
-
-
-NO_FIELD: tuple[Vec3, Vec3, Vec3, Vec3] = ((0.0, 0.0, 0.0),) * 4
-"""Value of `Earth.magnetic` if nothing needs the field."""
-
-
-EARTH_RATE = 7.292115e-5
-"""Angular rate of the Earth, rad/s; WGS 84 (NIMA TR8350.2, table 3.1)."""
-GRAVITY_GROWTH = 2.26e-7
-"""Relative growth of gravity per metre of depth: free-air gradient less the attraction of the water above, as in TEOS-10 (gsw_grav)."""
 
 
 def normal_gravity(latitude: float) -> float:

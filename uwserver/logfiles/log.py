@@ -15,6 +15,9 @@ from msgspec import Struct
 
 Kind = Literal["uwserver", "mcap", "tlog", "bin", "alog", "bag", "rosbag2", "ulg", "csv", "parquet"]
 """Log formats: our own recordings, other MCAP files, MAVLink telemetry, ArduPilot dataflash, MOOS, ROS 1, ROS 2, PX4, and tables."""
+_LONGEST = 300
+_PACKAGES = {"google": "protobuf"}
+"""The package of a module, where their names differ."""
 
 
 class LogError(ValueError):
@@ -150,11 +153,6 @@ def member(value: object, name: str) -> object:
 def matches(value: object, where: Mapping[str, object]) -> bool:
     """Return whether the members of a message have these values."""
     return all(member(value, name) == wanted for name, wanted in where.items())
-
-
-_LONGEST = 300
-_PACKAGES = {"google": "protobuf"}
-"""The package of a module, where their names differ."""
 
 
 @contextmanager

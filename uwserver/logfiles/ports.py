@@ -15,6 +15,8 @@ from uwserver.logfiles.si import Scale, is_known, scale_of
 
 _Part = tuple[str, Scale, float]
 """Name of a log field, its conversion to SI, and the mapping's own factor."""
+_FLU = (1.0, -1.0, -1.0)
+_STAMPS = ("time_ns", "seq", "t_ns", "t_sent_ns", "valid")
 
 
 def port_samples(
@@ -95,7 +97,6 @@ def _three(
     return [Value(pattern.format(key), "", unit, sign) for key, sign in zip(keys, signs, strict=True)]
 
 
-_FLU = (1.0, -1.0, -1.0)
 _MAVLINK = {
     "SCALED_PRESSURE": _Rule("barometer", "pressure", {"pressure": _v("press_abs", "hPa"), "temperature": _v("temperature", "cdegC")}),
     "SCALED_PRESSURE2": _Rule("pressure", "pressure", {"pressure": _v("press_abs", "hPa"), "temperature": _v("temperature", "cdegC")}),
@@ -141,9 +142,6 @@ _MOOS = {
     "NAV_HEADING": _Rule("heading", "compass", {"heading": _v("value", "deg")}),
     "NAV_ALTITUDE": _Rule("altimeter", "altimeter", {"range": _v("value", "m")}),
 }
-
-
-_STAMPS = ("time_ns", "seq", "t_ns", "t_sent_ns", "valid")
 
 
 def ports_of(log: Log) -> Iterator[tuple[str, PortMapping]]:

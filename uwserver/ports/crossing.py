@@ -14,6 +14,9 @@ from uwserver.ports.values import Call, Command, Event, Fault, Field, Json, OnRe
 
 Answers = list[tuple[OnReply, Reply | Progress]]
 """Receivers, each with the answer that it is to get."""
+UNDONE_BY: Mapping[str, str] = {"disarm": "arm", "deactivate": "activate"}
+"""Services that stop a vehicle or an actuator, and for each the service that undoes it."""
+PAUSE = "world/pause"
 
 
 class Posted(Struct):
@@ -102,11 +105,6 @@ class Later:
         """Send the final reply; nothing may follow it."""
         if self.on_reply is not None:
             self._answers.append((self.on_reply, Reply(tick, t_ns, result, fault)))
-
-
-UNDONE_BY: Mapping[str, str] = {"disarm": "arm", "deactivate": "activate"}
-"""Services that stop a vehicle or an actuator, and for each the service that undoes it."""
-PAUSE = "world/pause"
 
 
 def is_stop(service: str) -> bool:

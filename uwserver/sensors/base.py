@@ -1,4 +1,7 @@
-"""The contract of a sensor: it reads the world at one instant.
+"""The contract of a sensor: it reads the world at one instant (`Scope`).
+
+The table of a kind declares, as plain data (`Traits`), what other rooms need to know, so that none of them has to know the kind. What a sensor may
+see of vehicles, other sensors, structures and lights is there as protocols and rows (`Place`, `Joint`, `Outline`, `Latest`, `Sight`).
 
 An ideal sensor is a pure function of the world, and its errors come from modifiers. Other sensors have errors, settings and timing of their own,
 because the physics of these errors needs quantities that the reading no longer contains.

@@ -32,6 +32,9 @@ from uwserver.sensors.voices import NO_VOICES
 
 MISSING = np.nan
 """Stands for a number that a reading does not have."""
+_LEAST = 16  # sensors that a thread reads at a time: about 5 us
+_MOST_AIMS = 2
+_LOOP = "run_"  # prefix of the name of a loop that is made of a kernel for one sensor
 
 
 def _from_instant(*names: str) -> Iterator[Any]:
@@ -52,9 +55,6 @@ sound_absorption, ground_of, echo_of, meet_surface = _from_instant("absorption",
 shaft_speed, power, supply_voltage, supply = _from_instant("shaft_speed", "power", "supply_voltage", "supply")
 (_team_at,) = _from_instant("team_at")
 _share: Any = Elsewhere("uwserver.physics.kernel.sharing", "share")
-_LEAST = 16  # sensors that a thread reads at a time: about 5 us
-_MOST_AIMS = 2
-_LOOP = "run_"  # prefix of the name of a loop that is made of a kernel for one sensor
 
 
 @compiled

@@ -11,6 +11,7 @@ from types import FrameType
 from typing import Any, TypeVar
 
 T = TypeVar("T")
+_ENDING = (signal.SIGINT, signal.SIGTERM)
 
 
 def run(main: Coroutine[Any, Any, T]) -> T:
@@ -18,9 +19,6 @@ def run(main: Coroutine[Any, Any, T]) -> T:
     if sys.platform == "win32":
         asyncio.set_event_loop_policy(asyncio.WindowsSelectorEventLoopPolicy())
     return asyncio.run(main)
-
-
-_ENDING = (signal.SIGINT, signal.SIGTERM)
 
 
 def end_undisturbed() -> None:

@@ -21,6 +21,9 @@ _WAKE_NS = NANOSECONDS // 20
 
 Mode = Literal["realtime", "freerun", "lockstep"]
 OnLoss = Literal["wait", "continue", "pause"]
+BUCKETS_S = (1e-5, 2.5e-5, 5e-5, 1e-4, 2.5e-4, 5e-4, 1e-3, 2.5e-3, 5e-3, 1e-2, 2.5e-2, 5e-2, 0.1, 0.25)
+"""Upper bounds of the histogram, s."""
+_RECENT = 8192
 
 
 @dataclass(frozen=True)
@@ -179,12 +182,6 @@ class Barrier:
         """Return the named clients that are not connected."""
         with self._lock:
             return sorted(c for c in self.clients if not self._present.get(c))
-
-
-BUCKETS_S = (1e-5, 2.5e-5, 5e-5, 1e-4, 2.5e-4, 5e-4, 1e-3, 2.5e-3, 5e-3, 1e-2, 2.5e-2, 5e-2, 0.1, 0.25)
-"""Upper bounds of the histogram, s."""
-
-_RECENT = 8192
 
 
 class Lateness:

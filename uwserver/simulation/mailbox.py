@@ -2,6 +2,7 @@
 else.
 
 Each client has a queue of its own, and the queues are served in turn: many requests of one client do not delay those of another.
+Actions on the clock wait for the time between two ticks, and a pause comes before all other requests of its client.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ MAX_BYTES = 2 << 20
 MAX_BYTES_OF_ALL = 8 << 20
 """Most bytes in the waiting requests of all clients together; one request of each is always taken. Many waiting objects delay other work
 too, as each full garbage collection visits them."""
+_OF_OBJECTS = 4
+"""Bytes of Python objects for each byte of a value's JSON text."""
 
 
 class FairQueue(Generic[T]):
@@ -128,10 +131,6 @@ class FairQueue(Generic[T]):
             else:
                 del self._queues[client], self._bytes[client]
             return item
-
-
-_OF_OBJECTS = 4
-"""Bytes of Python objects for each byte of a value's JSON text."""
 
 
 class Wake(threading.Event):

@@ -14,6 +14,14 @@ from typing import Any, Protocol
 from uwserver.adapter import AdapterTable
 from uwserver.testing.fake_context import FakeContext
 
+START_S = 10.0
+"""Wall time in which an adapter must become ready."""
+CANCEL_S = 1.0
+"""Wall time in which an adapter must end after it was cancelled."""
+SETTLE_S = 5.0
+"""Wall time in which an adapter must notice what its peer did."""
+_RECEIVE_BUFFER = 4096
+
 
 @dataclass(frozen=True)
 class Traces:
@@ -70,15 +78,6 @@ async def assert_no_traces(before: Traces, after: str) -> None:
         if not left:
             return
     raise AssertionError(f"{after} leaves behind: {'; '.join(left)}; close it in the finally of run()")
-
-
-START_S = 10.0
-"""Wall time in which an adapter must become ready."""
-CANCEL_S = 1.0
-"""Wall time in which an adapter must end after it was cancelled."""
-SETTLE_S = 5.0
-"""Wall time in which an adapter must notice what its peer did."""
-_RECEIVE_BUFFER = 4096
 
 
 class Peer(Protocol):

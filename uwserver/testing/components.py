@@ -25,6 +25,9 @@ _DT_NS = 10_000_000
 _RUN = 50
 
 _Outcome = tuple[tuple[Value, ...], bool, int, bool, int]
+_ROWS = ("state", "bodies", "thrusters", "wrenches", "servos")
+_RATE_HZ = 100.0
+_DRAWS = 20
 
 
 def check_modifier(
@@ -82,8 +85,6 @@ def _modified(modifier: Modifier, values: Sequence[Value], start: int = 0) -> li
 
 
 # -- actuators --------------------------------------------------------------------------------------------------------------------------
-
-_ROWS = ("state", "bodies", "thrusters", "wrenches", "servos")
 
 
 def plain_body() -> Body:
@@ -156,9 +157,6 @@ def _bits(body: Body) -> tuple[bytes, ...]:
 
 
 # -- currents ---------------------------------------------------------------------------------------------------------------------------
-
-_RATE_HZ = 100.0
-_DRAWS = 20
 
 
 def check_current(config: CurrentTable) -> None:

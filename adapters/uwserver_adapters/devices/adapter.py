@@ -33,6 +33,8 @@ AnyDevice = (
     | OculusTable
     | XsensTable
 )
+ATTEND_S = 0.5
+"""Wall time between two attempts to open serial lines, and between two counts of peers."""
 
 
 class DevicesConfig(AdapterTable, tag="devices", kw_only=True, frozen=True):
@@ -60,10 +62,6 @@ class DevicesConfig(AdapterTable, tag="devices", kw_only=True, frozen=True):
         return {
             f"device.{name}": f"{table.__struct_config__.tag} {table.told()}" for name, table in self.device.items()
         }
-
-
-ATTEND_S = 0.5
-"""Wall time between two attempts to open serial lines, and between two counts of peers."""
 
 
 class DevicesAdapter(AdapterBase[DevicesConfig]):

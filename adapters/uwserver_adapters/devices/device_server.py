@@ -1,4 +1,4 @@
-"""Opens one device at all its addresses, and sends its reports there."""
+"""Opens one device at all its addresses, and sends its reports there. TCP, UDP and a serial line carry the same bytes."""
 
 from __future__ import annotations
 

@@ -39,6 +39,18 @@ PICTURE_OFFSET = 2048
 _FIRE = struct.Struct("<5B4d")
 _EXTENDED = struct.Struct("<9I")
 _STATUS = struct.Struct("<IHHI6I4s4s4s6s9d")
+MODELS: Mapping[str, tuple[int, float, float]] = {
+    "M370s": (1041, 375e3, 375e3), "M750d": (1032, 750e3, 1.2e6), "M1200d": (1042, 1.2e6, 2.1e6), "M3000d": (2203, 1.2e6, 3.0e6),
+}  # fmt: skip
+"""The maker's part number, frequency of mode 1 and of mode 2, Hz (data sheets)."""
+STATUS_NS = NANOSECONDS
+"""Simulation time between two status messages, as the device sends them."""
+MOST_ROWS = 8192
+"""Most rows of a picture, with the blank ones before its first."""
+CENTIDEGREES = 100.0 * deg(1.0)
+"""Hundredths of a degree in a radian."""
+NO_GAIN = np.uint32(1)
+"""Gain of each row, for clients that ask for it. They divide by it, and the sensor's counts contain no such gain."""
 
 
 @dataclass(frozen=True)
@@ -187,20 +199,6 @@ class OculusReader(BinaryReader[OculusMessage]):
         if len(buffer) < end:
             return 0, None
         return end, OculusMessage(number, bytes(buffer[HEAD.size : end]), version, source, destination)
-
-
-MODELS: Mapping[str, tuple[int, float, float]] = {
-    "M370s": (1041, 375e3, 375e3), "M750d": (1032, 750e3, 1.2e6), "M1200d": (1042, 1.2e6, 2.1e6), "M3000d": (2203, 1.2e6, 3.0e6),
-}  # fmt: skip
-"""The maker's part number, frequency of mode 1 and of mode 2, Hz (data sheets)."""
-STATUS_NS = NANOSECONDS
-"""Simulation time between two status messages, as the device sends them."""
-MOST_ROWS = 8192
-"""Most rows of a picture, with the blank ones before its first."""
-CENTIDEGREES = 100.0 * deg(1.0)
-"""Hundredths of a degree in a radian."""
-NO_GAIN = np.uint32(1)
-"""Gain of each row, for clients that ask for it. They divide by it, and the sensor's counts contain no such gain."""
 
 
 class OculusTable(DeviceTable, tag="oculus", kw_only=True, frozen=True):

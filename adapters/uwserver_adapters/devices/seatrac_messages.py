@@ -42,6 +42,11 @@ TIMER_HZ = 16_000
 CHANNELS = 4
 """Hydrophones of an X150."""
 DECI, TENTH_US = 10.0, 1e7
+LONGEST = 31
+"""Most bytes of a datagram."""
+EVERYBODY = 0
+_CODES = {"busy": BUSY}
+"""Status codes of faults; all other faults are FAIL."""
 
 
 @dataclass(frozen=True)
@@ -188,13 +193,6 @@ def fix(own: int, other: int, kind: int, local: Local, found: Found) -> bytes:
     head = struct.pack("<BBBB", own, other, flags, kind) + local.attitude()
     head += struct.pack("<HHh", u16(DECI * (local.depth or 0.0)), u16(DECI * local.sound_speed), 0)
     return head + body
-
-
-LONGEST = 31
-"""Most bytes of a datagram."""
-EVERYBODY = 0
-_CODES = {"busy": BUSY}
-"""Status codes of faults; all other faults are FAIL."""
 
 
 class Datagrams:

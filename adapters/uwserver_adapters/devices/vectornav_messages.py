@@ -33,6 +33,11 @@ BAD_CHECKSUM, UNKNOWN_COMMAND, TOO_FEW, TOO_MANY, BAD_PARAMETER, UNKNOWN_REGISTE
 TIME_ERROR_S = 2.1e-8
 """Error of the receiver's clock that the device tells, s, as in the manual's example."""
 _LINE = re.compile(rb"\$(VN[A-Z]{3}(?:,[^,*$]*)*)\*([0-9A-Fa-f]{4}|[0-9A-Fa-f]{2}|XX)")
+FREQUENCIES_HZ = (1, 2, 4, 5, 10, 20, 25, 40, 50, 100, 200)
+"""Rates of asynchronous messages that register 7 takes."""
+SYNC = 0xFA
+IMU_RATE_HZ = 800
+"""Rate of the device's IMU; an output has this rate over its divisor."""
 
 
 @dataclass(frozen=True)
@@ -186,13 +191,8 @@ OUTPUTS: Mapping[int, Output] = {
     22: Output("VNINS", 63, (_time, _ins_status, _ypr, _place, _velocity, _ins_uncertainty), needs_gps=True),
 }
 """Number of an asynchronous message (register 6) -> the measurement."""
-FREQUENCIES_HZ = (1, 2, 4, 5, 10, 20, 25, 40, 50, 100, 200)
-"""Rates of asynchronous messages that register 7 takes."""
 
 
-SYNC = 0xFA
-IMU_RATE_HZ = 800
-"""Rate of the device's IMU; an output has this rate over its divisor."""
 Field = Callable[[Readings], bytes]
 
 

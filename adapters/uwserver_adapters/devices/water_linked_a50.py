@@ -21,6 +21,22 @@ REMEMBERED = 256
 """Attitudes that are kept: the velocity of a ping arrives later than the attitude of the same time."""
 GAP_S = 1.0
 """Simulation time for which a velocity holds. After that the position stands still until the next one."""
+PORT = 16171
+FORMAT = "json_v3.3"
+LINE_LIMIT = 4096
+"""Longest command, bytes. The longest documented one has some 200."""
+POSITION_NS = NANOSECONDS // 5
+"""Simulation time between two reports of the position: 5 Hz."""
+TRIGGERS = 15
+"""Most pings that clients may have requested and not received yet."""
+NO_LOCK = -1.0
+"""Altitude and distance where no echo came."""
+MICROSECOND = 1000
+"""A microsecond, ns."""
+FIELDS = ("v_S", "altitude", "figure_of_merit", "covariance_S", "beam_velocities", "beam_ranges", "beam_locks")
+_COMMANDS = ("get_config", "set_config", "reset_dead_reckoning", "calibrate_gyro", "trigger_ping", "get_version_info")
+_MODES = {"auto": -1, **{f"={number}": number for number in range(5)}}
+"""Range modes that can be simulated, and the numbers that the sensor has for them."""
 
 
 class DeadReckoning:
@@ -92,24 +108,6 @@ class DeadReckoning:
         """Return roll, pitch and yaw, rad; yaw is relative to the start, within half a turn."""
         roll, pitch, yaw = rpy_from_quat(self._attitudes[-1][1])
         return roll, pitch, math.remainder(yaw - (self._yaw0 or 0.0), 2.0 * math.pi)
-
-
-PORT = 16171
-FORMAT = "json_v3.3"
-LINE_LIMIT = 4096
-"""Longest command, bytes. The longest documented one has some 200."""
-POSITION_NS = NANOSECONDS // 5
-"""Simulation time between two reports of the position: 5 Hz."""
-TRIGGERS = 15
-"""Most pings that clients may have requested and not received yet."""
-NO_LOCK = -1.0
-"""Altitude and distance where no echo came."""
-MICROSECOND = 1000
-"""A microsecond, ns."""
-FIELDS = ("v_S", "altitude", "figure_of_merit", "covariance_S", "beam_velocities", "beam_ranges", "beam_locks")
-_COMMANDS = ("get_config", "set_config", "reset_dead_reckoning", "calibrate_gyro", "trigger_ping", "get_version_info")
-_MODES = {"auto": -1, **{f"={number}": number for number in range(5)}}
-"""Range modes that can be simulated, and the numbers that the sensor has for them."""
 
 
 class WaterLinkedA50Table(DeviceTable, tag="water_linked_a50", kw_only=True, frozen=True):

@@ -37,6 +37,14 @@ _HALF = math.sqrt(0.5)
 # The device's own axes are forward, left, up: the sensor's axes after half a turn about x.
 _FLIP: Quat = (0.0, 1.0, 0.0, 0.0)
 _FROM_NED: Mapping[int, Quat] = {ENU: (0.0, _HALF, _HALF, 0.0), NWU: _FLIP}
+NEED_GPS = frozenset((0x5020, 0x5040, 0xD010))
+"""Items of the satellite receiver."""
+FIRMWARE, HARDWARE = (1, 12, 0), (2, 0)
+MOST_ITEMS = 32
+"""Most items of an output configuration."""
+MOST_HZ = 2000
+FACTORY = ((0x1020, EVERY), (0x1060, EVERY), (0x2010, 100), (0x4020, 100), (0x8020, 100))
+"""Number and rate of each item: counter, time, quaternion, acceleration, rate of turn."""
 
 
 @dataclass(frozen=True)
@@ -125,8 +133,6 @@ WHOLE: Mapping[int, Callable[[Readings, int], bytes]] = {
     0xE020: lambda r, _: struct.pack(">I", _status(r)),
 }
 """All other items. The second argument is the number of the message."""
-NEED_GPS = frozenset((0x5020, 0x5040, 0xD010))
-"""Items of the satellite receiver."""
 
 
 def fault_of(number: int, has_gps: bool) -> str:
@@ -164,14 +170,6 @@ def item(number: int, readings: Readings, count: int) -> bytes:
         values = REALS[number & 0xFFF0](readings, number & 0xC)
         data = b"".join(real(value, number & 0x3) for value in values)
     return number.to_bytes(2, "big") + bytes((len(data),)) + data
-
-
-FIRMWARE, HARDWARE = (1, 12, 0), (2, 0)
-MOST_ITEMS = 32
-"""Most items of an output configuration."""
-MOST_HZ = 2000
-FACTORY = ((0x1020, EVERY), (0x1060, EVERY), (0x2010, 100), (0x4020, 100), (0x8020, 100))
-"""Number and rate of each item: counter, time, quaternion, acceleration, rate of turn."""
 
 
 class XsensTable(InertialTable, tag="xsens", kw_only=True, frozen=True):

@@ -22,6 +22,8 @@ _SOCKETS: dict[str, Callable[[Address, Router], Link]] = {
     "tcpin": TcpIn,
     "tcpout": TcpOut,
 }
+TICK_S = 0.05
+"""Wall time between two checks of time-outs and downloads."""
 
 
 def make(text: str, router: Router) -> Link:
@@ -42,10 +44,6 @@ def make(text: str, router: Router) -> Link:
             f'link "{text}": write udpout:host:port, udpin:host:port, tcpin:host:port, tcpout:host:port, serial:/dev/ttyS1, or zenoh:tcp/host:port'
         )
     return _SOCKETS[kind]((host, int(number)), router)
-
-
-TICK_S = 0.05
-"""Wall time between two checks of time-outs and downloads."""
 
 
 class MavlinkAdapter(AdapterBase[MavlinkConfig]):

@@ -28,6 +28,9 @@ NAME_LIMIT = 256
 """Longest port, service, pattern, field or client name, characters."""
 
 Params = dict[str, object]
+VERSION = 1
+LATER: Final = object()
+"""The result of a method whose answer comes later, from the world."""
 
 
 def params_of(request: Request, names: Sequence[str]) -> Params:
@@ -83,12 +86,6 @@ def positive(params: Params, key: str, what: str) -> float | None:
 
 
 log = logging.getLogger(__name__)
-
-VERSION = 1
-
-
-LATER: Final = object()
-"""The result of a method whose answer comes later, from the world."""
 
 
 class _Rejected(Refused):

@@ -31,6 +31,16 @@ CALIBRATED = 2
 _LARGEST_FLOAT = 3.4028234e38
 _STANDS = 1e-9
 """Speed below which the course is unknown, m/s."""
+SERVICES = "services"
+"""Name of the opaque device by which clients call services."""
+RANGES: Mapping[str, str] = {"Range": "range", "LaserScan": "ranges", "Dvl": "beam_ranges"}
+"""Standard message of a sensor that is a ranger -> the field with its ranges."""
+SET_VEL, SET_POS = 1, 2
+MOTOR_POWER, VELOCITY_MODE, POSITION_MODE = 2, 3, 4
+GUIDED = "guided"
+"""Mode of the autopilot in which it follows velocities and positions."""
+_SET_DATATYPE = 1
+_VELOCITY = struct.Struct(">6dI")
 
 
 def timestamp(ns: int) -> float:
@@ -112,19 +122,6 @@ def _int32(number: float) -> int:
 
 def _or_nan(value: object) -> float:
     return float(value) if isinstance(value, int | float) else math.nan
-
-
-SERVICES = "services"
-"""Name of the opaque device by which clients call services."""
-
-RANGES: Mapping[str, str] = {"Range": "range", "LaserScan": "ranges", "Dvl": "beam_ranges"}
-"""Standard message of a sensor that is a ranger -> the field with its ranges."""
-SET_VEL, SET_POS = 1, 2
-MOTOR_POWER, VELOCITY_MODE, POSITION_MODE = 2, 3, 4
-GUIDED = "guided"
-"""Mode of the autopilot in which it follows velocities and positions."""
-_SET_DATATYPE = 1
-_VELOCITY = struct.Struct(">6dI")
 
 
 class Ask(NamedTuple):

@@ -24,6 +24,17 @@ CALL_S = 5.0
 """Wall time in which another node must answer."""
 RETRY_S = 1.0
 """Wall time before a publisher is tried again."""
+CHECK_S = 1.0
+"""Wall time between two checks whether the master still knows this node."""
+LEAVE_S = 0.5
+"""Wall time to unregister at the master when this node ends."""
+ROSOUT = "/rosout"
+LOG = "rosgraph_msgs/msg/Log"
+PUBLISHERS = 256
+"""Most publishers of one topic that are heard."""
+WARN = 4
+TELL_S = 1.0
+"""Wall time between two messages of /rosout."""
 
 
 def place_of(uri: str) -> tuple[str, int, str]:
@@ -166,17 +177,6 @@ class Subscription:
 
 log = logging.getLogger(__name__)
 
-CHECK_S = 1.0
-"""Wall time between two checks whether the master still knows this node."""
-LEAVE_S = 0.5
-"""Wall time to unregister at the master when this node ends."""
-ROSOUT = "/rosout"
-LOG = "rosgraph_msgs/msg/Log"
-PUBLISHERS = 256
-"""Most publishers of one topic that are heard."""
-WARN = 4
-TELL_S = 1.0
-"""Wall time between two messages of /rosout."""
 
 Registration = tuple[str, str, str]
 """Kind (Publisher, Subscriber, Service), name, and type."""

@@ -29,6 +29,11 @@ SERVICE = RELIABLE
 
 _ATTACHMENT = struct.Struct("<qqB16s")
 _GID_BYTES = 16
+SLASH = "§"
+"""Stands for a slash within a part of a token."""
+_QOS = {RELIABLE: ":1:0:0,10", LATCHED: ":1:1:0,1", BEST_EFFORT: ":0:0:0,1"}
+"""No key, then reliability, durability, history and its depth, as numbers of DDS."""
+_ACTION = "/_action/"
 
 
 class Names(NamedTuple):
@@ -132,13 +137,6 @@ def attachment(data: bytes | None) -> Attachment | None:
         return None
     sequence, stamp_ns, size, its = _ATTACHMENT.unpack(data)
     return Attachment(sequence, stamp_ns, its) if size == _GID_BYTES else None
-
-
-SLASH = "§"
-"""Stands for a slash within a part of a token."""
-_QOS = {RELIABLE: ":1:0:0,10", LATCHED: ":1:1:0,1", BEST_EFFORT: ":0:0:0,1"}
-"""No key, then reliability, durability, history and its depth, as numbers of DDS."""
-_ACTION = "/_action/"
 
 
 class BridgeNames(NamedTuple):

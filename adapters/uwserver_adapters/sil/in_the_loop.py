@@ -29,6 +29,7 @@ from uwserver.table import Name, Table
 from uwserver_adapters.sil.codec import radians
 
 Channel = Annotated[int, Meta(ge=1, le=32)]
+GRAVITY_MPS2 = 9.80665
 
 
 class Scale(dict[int, float]):
@@ -188,8 +189,6 @@ class Outputs:
 
 
 log = logging.getLogger(__name__)
-
-GRAVITY_MPS2 = 9.80665
 
 
 class NoSamples:

@@ -20,6 +20,7 @@ PATIENCE_S: Final = 0.1
 """Wall time for which a picture waits until the system accepts its packets. Then the rest of it is dropped."""
 
 Address = tuple[str, int]
+_TRIES: Final = 16
 
 
 class DatagramSocket(Protocol):
@@ -153,9 +154,6 @@ def _is_free(out: Any, rest_s: float) -> bool:
     with selectors.DefaultSelector() as selector:
         selector.register(out, selectors.EVENT_WRITE)
         return bool(selector.select(rest_s))
-
-
-_TRIES: Final = 16
 
 
 class MediaPorts:

@@ -37,6 +37,10 @@ RAW is u8, JPEG a JPEG file, and DEPTH u16 in mm. SONAR is a row of a scanning s
 imaging sonar: f32 azimuths of the first and the last beam (rad), f32 ranges at the begin of the first and the end of the last row (m), u8. SIDES is
 a ping of a side-scan sonar: f32 range (m), u8 to port, u8 to starboard.
 """
+MOST_PORTS = 32
+"""Ports whose pictures one page may show."""
+_SONAR_HEAD, _FAN_HEAD, _SIDES_HEAD = struct.Struct("<ff"), struct.Struct("<ffff"), struct.Struct("<f")
+_SIDE_LIMIT = 0xFFFF
 
 
 def state_frame(state: SceneState, flags: int) -> bytes:
@@ -55,12 +59,6 @@ def state_frame(state: SceneState, flags: int) -> bytes:
 def picture_frame(codec: int, port: int, width: int, height: int, t_ns: int, data: bytes) -> bytes:
     """Return `u8 kind, u8 codec, u16 port, u16 width, u16 height, i64 t_ns`, then the picture."""
     return _PICTURE.pack(PICTURE, codec, port, width, height, t_ns) + data
-
-
-MOST_PORTS = 32
-"""Ports whose pictures one page may show."""
-_SONAR_HEAD, _FAN_HEAD, _SIDES_HEAD = struct.Struct("<ff"), struct.Struct("<ffff"), struct.Struct("<f")
-_SIDE_LIMIT = 0xFFFF
 
 
 class Viewer(Protocol):

@@ -25,6 +25,8 @@ PIPELINE = 64
 END = b"*** end of message"
 
 _REGISTRATION = re.compile(r"registration name (\S+) ip (\S+) port (\d{1,5}) type (\S+)")
+GREETING_LIMIT = 1 << 11
+"""Longest answer to our hello, bytes."""
 
 
 class Address(NamedTuple):
@@ -119,10 +121,6 @@ def target_of(said: str) -> tuple[str, str]:
     if not re.fullmatch(r"(/[^\s/\"()\[\]{}]+)+", name) or len(name) > 256:
         raise Refused("bad_argument", f"{said[:100]} is no name of a port: /name, or carrier://name")
     return carrier.partition("+")[0].strip("/"), name
-
-
-GREETING_LIMIT = 1 << 11
-"""Longest answer to our hello, bytes."""
 
 
 class Link(asyncio.Protocol):

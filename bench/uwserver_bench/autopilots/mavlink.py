@@ -41,6 +41,11 @@ kind = "mavlink"
 links = ["udpin:127.0.0.1:0"]
 origin_deg = [63.44, 10.39]
 """
+_EXTRA = {0: 50, 21: 159, 66: 148}
+"""CRC_EXTRA of each message that is sent: HEARTBEAT, PARAM_REQUEST_LIST, REQUEST_DATA_STREAM."""
+_STREAMS = ((1, 2), (2, 2), (3, 2), (6, 3), (10, 20), (11, 10), (12, 3))
+"""Group and rate (Hz) of the streams that QGroundControl requests from a submarine."""
+_HEAD, _CHUNK = 10, 4096
 
 
 def bench_mavlink(quick: bool, say: Callable[[str], None]) -> list[Row]:
@@ -145,13 +150,6 @@ def _cpu_s(pid: int) -> float:
     if spent is None:
         raise BenchFailed("processor time of the server is not known here: this system has no /proc")
     return spent
-
-
-_EXTRA = {0: 50, 21: 159, 66: 148}
-"""CRC_EXTRA of each message that is sent: HEARTBEAT, PARAM_REQUEST_LIST, REQUEST_DATA_STREAM."""
-_STREAMS = ((1, 2), (2, 2), (3, 2), (6, 3), (10, 20), (11, 10), (12, 3))
-"""Group and rate (Hz) of the streams that QGroundControl requests from a submarine."""
-_HEAD, _CHUNK = 10, 4096
 
 
 class MavlinkPeer:

@@ -31,6 +31,10 @@ CASES: dict[str, tuple[ColumnConfig, float, float, float]] = {
     "1 km in water of one temperature": (ConstantColumn(), 1000.0, 20.0, 60.0),
 }
 """For each case the water, the distance, and both depths, m."""
+VEHICLES, SPACING_M, DEPTH_M = 20, 150.0, 20.0
+IDLE_BAR_US, PACKET_BAR_US = 5.0, 1000.0
+SECONDS_A_PACKET = 3
+"""Time in which a packet has passed all modems."""
 
 
 def bench_sound(quick: bool, say: Callable[[str], None]) -> list[Row]:
@@ -70,11 +74,6 @@ def _path_us(channel: Channel, first: bool, x: float, a: float, b: float, budget
 
 
 # -- modems -----------------------------------------------------------------------------------------------------------------------------
-
-VEHICLES, SPACING_M, DEPTH_M = 20, 150.0, 20.0
-IDLE_BAR_US, PACKET_BAR_US = 5.0, 1000.0
-SECONDS_A_PACKET = 3
-"""Time in which a packet has passed all modems."""
 
 
 def bench_modems(quick: bool, say: Callable[[str], None]) -> list[Row]:

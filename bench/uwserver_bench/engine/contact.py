@@ -38,6 +38,12 @@ RAYS = 10_000
 GATE_BAR_US = 20.0
 LOAD_BAR_S = 2.0
 RAYS_BAR = 1.5
+RESTING_BARS = {10: 5.0, 100: 0.5}
+FAR_BAR = 1.10
+SOLVE_BAR_US = 60.0
+SNAPSHOT_BAR_MS = 1.0
+SETTLE_TICKS = 1200
+"""After 5 s the hulls are at rest, except for those on slopes that are too steep for their friction."""
 
 
 def bench_solids(quick: bool, say: Callable[[str], None]) -> list[Row]:
@@ -148,14 +154,6 @@ def _seconds(work: Callable[[], object], times: int) -> float:
     for _ in range(times):
         work()
     return (clock.now_ns() - start) * 1e-9 / times
-
-
-RESTING_BARS = {10: 5.0, 100: 0.5}
-FAR_BAR = 1.10
-SOLVE_BAR_US = 60.0
-SNAPSHOT_BAR_MS = 1.0
-SETTLE_TICKS = 1200
-"""After 5 s the hulls are at rest, except for those on slopes that are too steep for their friction."""
 
 
 def bench_contact(quick: bool, say: Callable[[str], None]) -> list[Row]:

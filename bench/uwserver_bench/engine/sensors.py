@@ -121,6 +121,14 @@ rate_hz = 20
 range_m = 20.0
 position_frd_m = [0.1, 0.0, -0.3]
 """
+DAY_BAR_HZ, DEPTH_BAR_HZ = 10.0, 20.0
+CASES: dict[str, tuple[str, float, float | None]] = {
+    "camera 640 x 480, daylight": ("day", 0.0, DAY_BAR_HZ),
+    "camera 640 x 480, two lamps with shadows": ("day", 1.0, None),
+    "depth camera 640 x 480": ("depth", 0.0, DEPTH_BAR_HZ),
+    "segmentation 640 x 480": ("ids", 0.0, None),
+}
+"""Sensor, level of the lamps, and least number of pictures per second."""
 
 
 def bench_sensors(quick: bool, say: Callable[[str], None]) -> list[Row]:
@@ -232,14 +240,6 @@ def _real_time_factor(world: World, budget_s: float) -> float:
 
 # -- pictures ---------------------------------------------------------------------------------------------------------------------------
 
-DAY_BAR_HZ, DEPTH_BAR_HZ = 10.0, 20.0
-CASES: dict[str, tuple[str, float, float | None]] = {
-    "camera 640 x 480, daylight": ("day", 0.0, DAY_BAR_HZ),
-    "camera 640 x 480, two lamps with shadows": ("day", 1.0, None),
-    "depth camera 640 x 480": ("depth", 0.0, DEPTH_BAR_HZ),
-    "segmentation 640 x 480": ("ids", 0.0, None),
-}
-"""Sensor, level of the lamps, and least number of pictures per second."""
 TABLES = """
 [structures.pile]
 kind = "cylinder"

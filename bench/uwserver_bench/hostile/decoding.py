@@ -31,6 +31,10 @@ from uwserver.server.life_cycle import SWITCH_INTERVAL_S
 from uwserver_bench.hostile.messages import JSON, MIB, MSGPACK
 from uwserver_bench.report import Row
 
+BAR_MS = 1.0
+TRIES = 5
+HAS_MAVLINK = find_spec("pymavlink") is not None
+
 
 class Cost(NamedTuple):
     """Cost of one piece of work.
@@ -95,10 +99,6 @@ class Rival:
             self._let_in()
         return Cost(min(self._most, spent), spent)
 
-
-BAR_MS = 1.0
-TRIES = 5
-HAS_MAVLINK = find_spec("pymavlink") is not None
 
 Call = Callable[[], object]
 

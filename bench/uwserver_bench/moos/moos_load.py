@@ -23,6 +23,9 @@ _PACKET, _LENGTH, _NUMBERS = struct.Struct("<iiB"), struct.Struct("<i"), struct.
 _HEAD = 10
 _CHUNK = 1 << 18
 _clock = SystemTime()
+TOGETHER = 20
+"""Number of doubles in a packet."""
+IN_FLIGHT = 4000
 
 
 class MoosPeer:
@@ -110,10 +113,6 @@ def _mail(data: bytes) -> Iterator[tuple[bytes, float]]:
             yield key, _NUMBERS.unpack_from(data, end)[1]
         at += size
 
-
-TOGETHER = 20
-"""Number of doubles in a packet."""
-IN_FLIGHT = 4000
 
 Task = Mapping[str, Any]
 

@@ -29,6 +29,18 @@ REPEATS, QUICK_REPEATS = 7, 2
 _AXES = tuple(Field(name, "1", name, "S", (3,)) for name in ("f_S", "w_S"))
 _IMU = Port("rov/imu", "sensor", "imu", _AXES, "An IMU.", rate_hz=200.0, message="Imu")
 _SAMPLE = Sample("rov/imu", 0, 123_456_789, 123_456_789, True, ((0.1, 0.2, -9.81), (0.01, 0.02, 0.03)))
+LATENCY_BAR_MS, FLOW_BAR, CLIENT_BAR = 1.0, 10_000.0, 980.0
+IMUS, CLIENTS, DOMAIN = 4, 5, 230
+EPOCH_S = 1_767_225_600
+"""2026-01-01: the begin of simulation time here."""
+TASKS = {"rosbridge": "bridge", "zenoh": "zenoh", "DDS": "dds"}
+"""For each transport its adapter, which is also the name of the task that receives."""
+_NEEDS = {"rosbridge": "rosbags", "zenoh": "zenoh", "DDS": "cyclonedds"}
+_ADAPTERS = {
+    "rosbridge": 'kind = "rosbridge"\nport = 0\n',
+    "zenoh": f'kind = "ros2"\nlisten = ["tcp/127.0.0.1:0"]\ndomain = {DOMAIN}\n',
+    "DDS": f'kind = "ros2"\ntransport = "dds"\nallow_network = true\ndomain = {DOMAIN}\n',
+}
 
 
 def bench_ros(quick: bool, say: Callable[[str], None]) -> list[Row]:
@@ -142,18 +154,6 @@ def _ms(work: Callable[[], object], times: int) -> float:
 
 # -- peers ------------------------------------------------------------------------------------------------------------------------------
 
-LATENCY_BAR_MS, FLOW_BAR, CLIENT_BAR = 1.0, 10_000.0, 980.0
-IMUS, CLIENTS, DOMAIN = 4, 5, 230
-EPOCH_S = 1_767_225_600
-"""2026-01-01: the begin of simulation time here."""
-TASKS = {"rosbridge": "bridge", "zenoh": "zenoh", "DDS": "dds"}
-"""For each transport its adapter, which is also the name of the task that receives."""
-_NEEDS = {"rosbridge": "rosbags", "zenoh": "zenoh", "DDS": "cyclonedds"}
-_ADAPTERS = {
-    "rosbridge": 'kind = "rosbridge"\nport = 0\n',
-    "zenoh": f'kind = "ros2"\nlisten = ["tcp/127.0.0.1:0"]\ndomain = {DOMAIN}\n',
-    "DDS": f'kind = "ros2"\ntransport = "dds"\nallow_network = true\ndomain = {DOMAIN}\n',
-}
 _SCENARIO = f"""\
 schema = 1
 title = "bench ros"

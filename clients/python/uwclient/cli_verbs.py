@@ -1,4 +1,7 @@
-"""The verbs of the command line, each with a connected client. Results go to standard output."""
+"""The verbs of the command line, each with a connected client. Results go to standard output.
+
+Lists show ports and services by vehicle, sensors first, with services of equal components together.
+"""
 
 from __future__ import annotations
 

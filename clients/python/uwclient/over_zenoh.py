@@ -20,6 +20,8 @@ from uwclient.zenoh_link import ZenohLink, dial_zenoh
 from uwclient.zenoh_place import ZenohPlace
 
 T = TypeVar("T")
+LOOPBACK = ("tcp/127.0.0.1:7447",)
+"""Default endpoint of a server on this machine."""
 
 
 async def dial_zenoh_async(place: ZenohPlace, timeout: float) -> AsyncLink:
@@ -103,10 +105,6 @@ class ZenohAsyncLink:
 def _close(dialled: Future[ZenohLink]) -> None:
     if dialled.exception() is None:
         dialled.result().close()
-
-
-LOOPBACK = ("tcp/127.0.0.1:7447",)
-"""Default endpoint of a server on this machine."""
 
 
 def connect_zenoh(

@@ -26,6 +26,18 @@ from uwserver.sensors.acoustic.pinging import PingingSonar, PingTable
 
 _MOST_CORES = 0.8
 """Part of a core above which one thread cannot make all pictures in real time."""
+_MOST_NAMED = 4
+"""Sensors that are named in a warning; further ones are counted."""
+_CAMERA = (
+    "more read_out_s or latency_s, fewer pixels (width, height), or lower all rate_hz, so that readings seldom coincide"
+)
+_SONAR = (
+    "more processing_s or latency_s, fewer beams, bins or rays, or lower all rate_hz, so that readings seldom coincide"
+)
+_SHARE = 0.05
+"""Part of a sonar's power, sent and received, that may meet its own vehicle without a warning."""
+_MOST_RAYS = 2000
+_FARTHEST_M = 100.0
 
 
 @click.command(short_help="Check scenario files, or shipped scenarios by name.")
@@ -156,15 +168,6 @@ def pictures(resolved: Resolved) -> Iterator[str]:
 
 # -- sensors that cannot keep their times -----------------------------------------------------------------------------------------------
 
-_MOST_NAMED = 4
-"""Sensors that are named in a warning; further ones are counted."""
-_CAMERA = (
-    "more read_out_s or latency_s, fewer pixels (width, height), or lower all rate_hz, so that readings seldom coincide"
-)
-_SONAR = (
-    "more processing_s or latency_s, fewer beams, bins or rays, or lower all rate_hz, so that readings seldom coincide"
-)
-
 
 class _Computed(NamedTuple):
     """A sensor whose readings take processor time to compute.
@@ -249,11 +252,6 @@ def _ms(seconds: float) -> str:
 
 
 # -- sonars that see their own vehicle --------------------------------------------------------------------------------------------------
-
-_SHARE = 0.05
-"""Part of a sonar's power, sent and received, that may meet its own vehicle without a warning."""
-_MOST_RAYS = 2000
-_FARTHEST_M = 100.0
 
 
 def facing_their_hull(resolved: Resolved) -> Iterator[str]:

@@ -29,6 +29,9 @@ LAMBERT_DB = {
 
 SURFACE_DB = -25.0
 """10 lg mu of the rough sea surface seen from below (guess: as for sand)."""
+_DB_PER_NEPER = 20.0 / math.log(10.0)
+_MOST_DB = 300.0
+"""Largest loss that is returned."""
 
 
 def lambert(names: Sequence[str]) -> npt.NDArray[np.float64]:
@@ -67,11 +70,6 @@ SEDIMENTS = {
 def sediments(names: Sequence[str]) -> tuple[Sediment, ...]:
     """Return the data of materials in the order of their numbers; unknown ones count as sediment."""
     return tuple(SEDIMENTS.get(name, SEDIMENTS["sediment"]) for name in names or ("sediment",))
-
-
-_DB_PER_NEPER = 20.0 / math.log(10.0)
-_MOST_DB = 300.0
-"""Largest loss that is returned."""
 
 
 class Boundaries(NamedTuple):

@@ -30,6 +30,12 @@ _FIELDS: Mapping[MessageKind, frozenset[str]] = {
 }
 _SCANNING = "head_angle"
 """The range of a scanning head is not that of a distance sensor."""
+_MOST_SYSTEMS = 254
+_G = scale_of("mG").factor
+_E7 = scale_of("degE7").factor
+_UNKNOWN = np.array([-1.0, *[0.0] * 8])
+"""The covariance that marks a quantity as not measured in sensor_msgs/Imu."""
+_DEGREE = scale_of("deg").factor
 
 
 def message_kind(fields: Collection[str]) -> MessageKind | None:
@@ -135,9 +141,6 @@ def _moos_name(name: str) -> str:
 
 # -- MAVLink ----------------------------------------------------------------------------------------------------------------------------
 
-_MOST_SYSTEMS = 254
-_G = scale_of("mG").factor
-_E7 = scale_of("degE7").factor
 _Frame = tuple[int, int, Any]
 """Time (ns), system number, message."""
 
@@ -238,9 +241,6 @@ def _signed(number: float, bits: int) -> int:
 
 _Entry = tuple[int, str, str, Any]
 """Time (ns), topic, type, message."""
-_UNKNOWN = np.array([-1.0, *[0.0] * 8])
-"""The covariance that marks a quantity as not measured in sensor_msgs/Imu."""
-_DEGREE = scale_of("deg").factor
 
 
 def write_rosbag2(log: Log, mapping: LogMapping, tracks: dict[str, FoundTrack], folder: Path) -> list[str]:

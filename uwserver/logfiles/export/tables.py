@@ -22,6 +22,7 @@ TIME = "time_ns"
 _MOST_ITEMS = 4096
 """Longer lists become text."""
 _INT = 1 << 63
+_MATLAB_NAME = 31
 
 
 class Column(NamedTuple):
@@ -129,8 +130,6 @@ def _plain(value: Any) -> Any:
 
 
 # -- files ------------------------------------------------------------------------------------------------------------------------------
-
-_MATLAB_NAME = 31
 
 
 def write_csv(log: Log, tables: Iterable[TopicTable], folder: Path) -> None:

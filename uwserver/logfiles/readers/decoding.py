@@ -25,6 +25,14 @@ _FOXGLOVE_UNITS = {
     "seconds": "s",
     "nanos": "ns",
 }
+_NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*){1,3}", re.ASCII)
+"""Only such names are passed to rosbags, which makes Python code of them."""
+_MOST_UNROLLED = 4096
+"""Largest number of entries in fixed arrays of messages and texts: rosbags generates lines of code for each of them."""
+_SIZES = {
+    "int16": 2, "uint16": 2, "int32": 4, "uint32": 4, "int64": 8, "uint64": 8, "float32": 4, "float64": 8, "float128": 16, "string": 4, "wstring": 4,
+}  # fmt: skip
+"""Smallest size of a value in bytes, for the types where it is more than 1."""
 
 
 class Decoding(NamedTuple):
@@ -166,14 +174,6 @@ def _protobuf_fields(descriptor: Any, prefix: str, unit: str, inside: tuple[str,
 
 # -- ROS --------------------------------------------------------------------------------------------------------------------------------
 
-_NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*){1,3}", re.ASCII)
-"""Only such names are passed to rosbags, which makes Python code of them."""
-_MOST_UNROLLED = 4096
-"""Largest number of entries in fixed arrays of messages and texts: rosbags generates lines of code for each of them."""
-_SIZES = {
-    "int16": 2, "uint16": 2, "int32": 4, "uint32": 4, "int64": 8, "uint64": 8, "float32": 4, "float64": 8, "float128": 16, "string": 4, "wstring": 4,
-}  # fmt: skip
-"""Smallest size of a value in bytes, for the types where it is more than 1."""
 _UNITS = {
     "sensor_msgs/msg/Imu": {"orientation": "1", "angular_velocity": "rad/s", "linear_acceleration": "m/s^2"},
     "sensor_msgs/msg/FluidPressure": {"fluid_pressure": "Pa", "variance": "Pa^2"},

@@ -36,6 +36,11 @@ _SUFFIXES = {
 }  # fmt: skip
 _TIMES = re.compile(r"t|time|timestamp|stamp|t_sent|time_boot|seconds|sec|datetime|date_time|utc", re.IGNORECASE)
 _FACTORS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1000, "ns": 1}
+_MOST_ABOUT_BYTES = 1 << 24
+_BLOCK_BYTES = 1 << 22
+_LONGEST_ROW = 1 << 20
+_CELL_BYTES = 16
+"""Least memory of an unpacked cell."""
 
 
 class TimeColumn(NamedTuple):
@@ -104,10 +109,6 @@ def stamp_of(text: str, factor: int) -> int | None:
 
 
 # -- text files -------------------------------------------------------------------------------------------------------------------------
-
-_MOST_ABOUT_BYTES = 1 << 24
-_BLOCK_BYTES = 1 << 22
-_LONGEST_ROW = 1 << 20
 
 
 class _Table(NamedTuple):
@@ -255,9 +256,6 @@ def _unique(names: Sequence[str]) -> list[str]:
 
 
 # -- Parquet ----------------------------------------------------------------------------------------------------------------------------
-
-_CELL_BYTES = 16
-"""Least memory of an unpacked cell."""
 
 
 def open_parquet(path: Path, limits: Limits) -> IndexedLog:

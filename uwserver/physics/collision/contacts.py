@@ -10,6 +10,7 @@ from uwserver.physics.kernel.arrays import FloatArray, IntArray
 
 NUMBERS = 7
 """Columns of a contact before it becomes part of `Contacts`: point (3) midway between the surfaces, normal (3) from b to a, gap."""
+_NO_TABLE: IntArray = np.zeros((0, 2), np.int64)
 
 
 class Contacts(NamedTuple):
@@ -98,7 +99,6 @@ class Finding(NamedTuple):
     led: IntArray
 
 
-_NO_TABLE: IntArray = np.zeros((0, 2), np.int64)
 NO_FINDING = Finding(
     0, 0, 0, _NO_TABLE, 0.0, _NO_TABLE, np.zeros(1, np.int64), np.zeros((0, 7)), np.zeros(0, np.bool_), _NO_TABLE, np.zeros((0, NUMBERS)), _NO_ROWS,
     np.zeros((0, 2)), _NO_ROWS,

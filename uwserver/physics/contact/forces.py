@@ -19,6 +19,9 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.kernel.linear import add_force, rotation
 
+_FASTEST = 1.5
+"""A contact that moved farther than this times the path of the bodies' surfaces is a different one, or its bodies were moved by other means."""
+
 
 class Struck(NamedTuple):
     """What `step.strike` passes to `step.finish_contacts`, for k contacts of m bodies.
@@ -90,10 +93,6 @@ def clear_contact(body: Any) -> None:
     body.in_contact = 0
     for i in range(10):
         body.contact[i] = 0.0
-
-
-_FASTEST = 1.5
-"""A contact that moved farther than this times the path of the bodies' surfaces is a different one, or its bodies were moved by other means."""
 
 
 @compiled

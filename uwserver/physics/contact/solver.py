@@ -22,6 +22,11 @@ from uwserver.physics.kernel.arrays import Array
 from uwserver.physics.kernel.compiled import compiled
 from uwserver.physics.kernel.linear import rotation, to_body
 
+MAX_SWEEPS = 300
+TOLERANCE = 1e-10  # m/s: the largest change of a velocity by the last sweep
+# Blocks of the (k, 4, 3, 6) array of rows: Jacobians of bodies a and b, and M^-1 J^T of both; three directions each.
+J_A, J_B, R_A, R_B = range(4)
+
 
 @compiled
 def _root(parent: Array, i: int) -> int:
@@ -72,13 +77,6 @@ def find_islands(slot_a: Array, slot_b: Array, m: int, order: Array, bounds: Arr
         order[size[i]] = c
         size[i] += 1
     return count
-
-
-MAX_SWEEPS = 300
-TOLERANCE = 1e-10  # m/s: the largest change of a velocity by the last sweep
-
-# Blocks of the (k, 4, 3, 6) array of rows: Jacobians of bodies a and b, and M^-1 J^T of both; three directions each.
-J_A, J_B, R_A, R_B = range(4)
 
 
 class Constraints(NamedTuple):

@@ -45,6 +45,12 @@ SLOT = np.dtype(
     ],
     align=True,
 )
+RING = 64
+"""Most corners of a face."""
+RIM = 16
+"""Number of corners that represent the rim of a cylinder."""
+_END_ON = 0.7
+"""Cosine between axis and direction above which a cylinder or capsule shows its end instead of its side."""
 
 
 class Shapes(NamedTuple):
@@ -86,15 +92,6 @@ SHAPES: Forms = {
     "cell_start": columns(np.int64),
     "cell_triangles": columns(np.int64),
 }
-
-
-RING = 64
-"""Most corners of a face."""
-RIM = 16
-"""Number of corners that represent the rim of a cylinder."""
-
-_END_ON = 0.7
-"""Cosine between axis and direction above which a cylinder or capsule shows its end instead of its side."""
 
 
 @compiled

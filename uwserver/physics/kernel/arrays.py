@@ -19,6 +19,7 @@ Array = Any
 
 _LINE = 64
 """Bytes of a cache line, which cores exchange as a whole."""
+_LEAST = 16
 
 
 def shared_numbers(size: int) -> IntArray:
@@ -38,9 +39,6 @@ def joined(rows: Iterable[Records], dtype: np.dtype[np.void]) -> Records:
     made: Records = np.empty(len(data) // dtype.itemsize, dtype)
     made.view(np.uint8)[:] = np.frombuffer(data, np.uint8)
     return made
-
-
-_LEAST = 16
 
 
 class Pool:

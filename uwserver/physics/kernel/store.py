@@ -26,6 +26,8 @@ import numpy as np
 
 PHYSICS = "uwserver.physics."
 _SIZE = 12
+_SUM = hashlib.sha256
+_NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 
 
 def names_of(code: CodeType) -> set[str]:
@@ -87,10 +89,6 @@ def _tell_function(function: FunctionType, say: Callable[[str], None], ray_targe
             _tell(function.__globals__[name], say, ray_targets)
     for cell in function.__closure__ or ():
         _tell(cell.cell_contents, say, ray_targets)
-
-
-_SUM = hashlib.sha256
-_NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 
 
 def _owned_safely(status: os.stat_result) -> bool:

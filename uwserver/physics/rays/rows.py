@@ -26,6 +26,15 @@ from uwserver.physics.kernel.arrays import FloatArray, IntArray, Records
 
 AROUND = 64
 """Number of facets around a round shape."""
+PLANE = np.dtype([("point", "f8", 3), ("normal", "f8", 3), ("body", "i8"), ("material", "i8")])
+"""A half-space: a point of its plane, the outward normal (N), the id of its solid, and the number of its material."""
+SIDE = np.dtype([("corners", "f8", (3, 3)), ("normal", "f8", 3), ("sided", "i8"), ("material", "i8")])
+"""A triangle, counter-clockwise from outside: corners, outward unit normal (zero if it has no area), whether only the outside can be hit,
+material."""
+CARRIED = np.dtype(
+    [("body", "i8"), ("row", "i8"), ("first", "i8"), ("count", "i8"), ("centre", "f8", 3), ("radius", "f8")]
+)
+"""A moving solid: its id, its row in the state, its triangles, and the ball around them in its frame."""
 
 
 class Facets(NamedTuple):
@@ -88,19 +97,6 @@ def _surface_of_revolution(profile: list[tuple[float, float]]) -> FloatArray:
         if r0 > 0.0:
             triangles.append(np.stack([lower, lower[following], upper[following]], axis=1))
     return np.concatenate(triangles)
-
-
-PLANE = np.dtype([("point", "f8", 3), ("normal", "f8", 3), ("body", "i8"), ("material", "i8")])
-"""A half-space: a point of its plane, the outward normal (N), the id of its solid, and the number of its material."""
-
-SIDE = np.dtype([("corners", "f8", (3, 3)), ("normal", "f8", 3), ("sided", "i8"), ("material", "i8")])
-"""A triangle, counter-clockwise from outside: corners, outward unit normal (zero if it has no area), whether only the outside can be hit,
-material."""
-
-CARRIED = np.dtype(
-    [("body", "i8"), ("row", "i8"), ("first", "i8"), ("count", "i8"), ("centre", "f8", 3), ("radius", "f8")]
-)
-"""A moving solid: its id, its row in the state, its triangles, and the ball around them in its frame."""
 
 
 class Simple(NamedTuple):

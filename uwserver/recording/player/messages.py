@@ -18,6 +18,7 @@ Type = Literal["sample", "event", "jump", "state"]
 
 _PLAYED_EVENTS: Final = ("conflict", "watchdog", "fault", "autopilot", "ports_changed")
 """Events that are played. Those about the clock and the server belong to the server that recorded them."""
+_SCALARS: Mapping[str, Any] = {"float": float, "int": int, "bool": bool, "str": str, "bytes": Buffer, "buffer": Buffer}
 
 
 class Place(NamedTuple):
@@ -109,9 +110,6 @@ class ChannelReader:
             self.damaged += 1
             return None
         return Sample(path, found.seq, found.t_ns, found.t_sent_ns, found.valid, msgspec.structs.astuple(found.value))
-
-
-_SCALARS: Mapping[str, Any] = {"float": float, "int": int, "bool": bool, "str": str, "bytes": Buffer, "buffer": Buffer}
 
 
 def _decoder(fields: tuple[Field, ...]) -> msgspec.json.Decoder[Any]:

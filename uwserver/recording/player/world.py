@@ -15,6 +15,7 @@ from uwserver.world.stepping.commands import ActuatorSlot
 
 DEFAULT = -1
 """Value of an argument that leaves a setting as it is."""
+_SERVERS = frozenset(("world/describe", "world/status", "world/shutdown"))
 
 
 @dataclass(frozen=True)
@@ -114,8 +115,6 @@ PLAYBACK_SERVICES = (
 )  # fmt: skip
 SERVICES = {service.path: service for service in (*CLOCK_SERVICES, *PLAYBACK_SERVICES)}
 """All services that control the playback."""
-
-_SERVERS = frozenset(("world/describe", "world/status", "world/shutdown"))
 
 
 def objection(path: str) -> Fault | None:

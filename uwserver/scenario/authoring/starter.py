@@ -73,25 +73,8 @@ sigma = 0.002                           # m
 kind = "sockets"
 port = 7600
 """
-
-
-def starter(name: str, vehicle: str) -> str:
-    """Return the TOML text of a scenario with one vehicle.
-
-    Args:
-        name: stem of the file name.
-        vehicle: name of a shipped vehicle, or path of a vehicle file.
-    """
-    # A JSON string without line breaks is a TOML basic string.
-    return _TEXT.format(name=name, title=json.dumps(name), vehicle=json.dumps(vehicle, ensure_ascii=False))
-
-
-# -- vehicle files ----------------------------------------------------------------------------------------------------------------------
-
-
 SEA_WATER = 1025.0
 """Density in which a vehicle of unknown mass is assumed to be neutral, kg/m3."""
-
 _HULL_TABLES = ("rigid_body", "buoyancy", "collision", "added_mass", "damping", "hull")
 _DROPPED_TABLES = ("published",)
 """Figures of the real vehicle that the file is copied from; they are not true of a new one."""
@@ -114,6 +97,20 @@ _MUNK = (
     "and carries little Munk moment"
 )
 _HEADER = re.compile(r"^\[\[?\s*\"?([\w-]+)")
+
+
+def starter(name: str, vehicle: str) -> str:
+    """Return the TOML text of a scenario with one vehicle.
+
+    Args:
+        name: stem of the file name.
+        vehicle: name of a shipped vehicle, or path of a vehicle file.
+    """
+    # A JSON string without line breaks is a TOML basic string.
+    return _TEXT.format(name=name, title=json.dumps(name), vehicle=json.dumps(vehicle, ensure_ascii=False))
+
+
+# -- vehicle files ----------------------------------------------------------------------------------------------------------------------
 
 
 def vehicle_starter(

@@ -48,6 +48,8 @@ if TYPE_CHECKING:
 
 
 log = logging.getLogger(__name__)
+STATE_RATE_HZ = 10
+"""Rate of `state` and `difference`, or the highest rate below it that divides the physics rate."""
 
 
 def physics_rate(rate_hz: float) -> Fraction:
@@ -268,10 +270,6 @@ def _corners(placed: Placed) -> FloatArray:
 
 
 # -- external vehicles ------------------------------------------------------------------------------------------------------------------
-
-
-STATE_RATE_HZ = 10
-"""Rate of `state` and `difference`, or the highest rate below it that divides the physics rate."""
 
 
 def external_member(world: World, resolved: ResolvedVehicle, row: int, name: str) -> Member:

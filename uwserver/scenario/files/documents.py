@@ -29,6 +29,7 @@ else:
 
 MOST_BYTES = 1 << 20
 """Largest TOML file, bytes: a scenario of a thousand vehicles has 150 kB."""
+NOT_PLAIN = "it is not a regular file (but a folder, a pipe or a device)"
 
 
 @dataclass(frozen=True)
@@ -205,9 +206,6 @@ def merged(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, An
 
 
 # -- opening files ----------------------------------------------------------------------------------------------------------------------
-
-
-NOT_PLAIN = "it is not a regular file (but a folder, a pipe or a device)"
 
 
 @contextmanager

@@ -26,6 +26,16 @@ from uwserver.sensors.truth import TRUTH
 from uwserver.world.faults import FaultConfig, Hull, Targets, effects, refusals
 from uwserver.world.faults.timeline import MAX_FAULTS
 
+MOST_BODIES = 2000
+"""Most vehicles, copies included, and objects together; those that are not present at the start count too."""
+MOST_STRUCTURES = 2000
+MOST_WAITING = 512 << 20
+"""Most bytes of readings, of all sensors, that are measured but not delivered yet."""
+_READING, _SIGMAS = 2048, 6.0
+"""Bytes of a reading without its pictures (1 to 2 kB were measured), and standard deviations of jitter that are counted."""
+MOST_COMPONENTS = 100_000
+"""Most sensors, further streams, modifiers and actuators of all vehicles together."""
+
 
 def check_scenario(tree: Node, report: Report, warn: Report) -> None:
     """Check time, place, names, water and ports.
@@ -115,17 +125,6 @@ def _targets(scenario: Node, vehicles: Mapping[str, VehicleFile], environment: E
 
 
 # -- numbers of things ------------------------------------------------------------------------------------------------------------------
-
-
-MOST_BODIES = 2000
-"""Most vehicles, copies included, and objects together; those that are not present at the start count too."""
-MOST_STRUCTURES = 2000
-MOST_WAITING = 512 << 20
-"""Most bytes of readings, of all sensors, that are measured but not delivered yet."""
-_READING, _SIGMAS = 2048, 6.0
-"""Bytes of a reading without its pictures (1 to 2 kB were measured), and standard deviations of jitter that are counted."""
-MOST_COMPONENTS = 100_000
-"""Most sensors, further streams, modifiers and actuators of all vehicles together."""
 
 
 def check_tables(document: Document) -> None:

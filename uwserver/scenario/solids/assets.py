@@ -29,6 +29,12 @@ _FROM_UP: dict[str, FloatArray] = {
 }
 Warn = Any
 """Called with the text of a warning."""
+MOST_TRIANGLES = 2_000_000
+MOST_BYTES = 500_000_000
+_MOST_VERTICES = 3 * MOST_TRIANGLES
+_PLY_HEADER_BYTES = 65_536
+_STL_HEADER, _STL_TRIANGLE = 84, 50
+_ELEMENT = re.compile(rb"^[ \t]*element[ \t]+(\w+)[ \t]+(\S+)", re.MULTILINE)
 
 
 def read_mesh(path: Path, up: Literal["y", "z"] | None, scale: float, warn: Warn) -> tuple[TriangleMesh, ...]:
@@ -162,14 +168,6 @@ def _volume(vertices: FloatArray, faces: IntArray) -> float:
 
 
 # -- declared sizes ---------------------------------------------------------------------------------------------------------------------
-
-
-MOST_TRIANGLES = 2_000_000
-MOST_BYTES = 500_000_000
-_MOST_VERTICES = 3 * MOST_TRIANGLES
-_PLY_HEADER_BYTES = 65_536
-_STL_HEADER, _STL_TRIANGLE = 84, 50
-_ELEMENT = re.compile(rb"^[ \t]*element[ \t]+(\w+)[ \t]+(\S+)", re.MULTILINE)
 
 
 def checked(path: Path, data: bytes) -> bytes:

@@ -37,6 +37,8 @@ _DEGREE = rad(1.0) * 6_356_752.0
 _HALF_TURN = deg(math.pi)
 TILE_CELLS = int((TILE_TRIANGLES / 2) ** 0.5)
 """Most cells along the edge of a tile."""
+_HEAD_BYTES = 16_384
+"""Most bytes of a header; that of an array of numbers has 128."""
 
 
 class Grid(NamedTuple):
@@ -279,10 +281,6 @@ def _within(grid: Grid, extent: float) -> Grid:
         raise BadSolid(f"no point of the grid is within {extent:g} m of the origin of N: check the origin and extent_m")
     part = np.s_[max(rows[0] - 1, 0) : rows[-1] + 2, max(columns[0] - 1, 0) : columns[-1] + 2]
     return Grid(*(values[part] for values in grid))
-
-
-_HEAD_BYTES = 16_384
-"""Most bytes of a header; that of an array of numbers has 128."""
 
 
 @dataclass(frozen=True)

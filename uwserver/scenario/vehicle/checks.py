@@ -31,6 +31,7 @@ _TRIM = 0.05
 """Difference of buoyancy and weight, over the weight, from which there is a warning."""
 _SURFACE = 2.0
 """A vehicle whose shapes displace more than this many times its weight is meant to float: it gets no such warning."""
+_DERIVATIVE = "an axis of XYZKMN and two velocities of uvwpqr"
 
 
 def check_vehicle(
@@ -160,9 +161,6 @@ def _check_names(vehicle: Node, report: Report) -> None:
 
 
 # -- appendages -------------------------------------------------------------------------------------------------------------------------
-
-
-_DERIVATIVE = "an axis of XYZKMN and two velocities of uvwpqr"
 
 
 def check_appendages(vehicle: Node, report: Report) -> None:

@@ -26,6 +26,16 @@ from uwserver.table import Name, NonNegative, Positive, Table, Vector3
 from uwserver.world.external.pose_source import PREDICT_S
 from uwserver.world.external.track import MAX_GAP_S
 
+DYNAMIC_TABLES = (
+    "mounts", "foils", "ballasts", "moving_masses", "actuators", "sensors", "autopilot", "lamps", "published",
+)  # fmt: skip
+"""Tables of a vehicle file that an external vehicle does not use. What remains is its looks, its solid shapes, and the parts that turn."""
+COLOURS: tuple[Vector3, ...] = (
+    (0.05, 0.55, 0.95), (0.95, 0.35, 0.05), (0.15, 0.75, 0.25), (0.85, 0.15, 0.65), (0.95, 0.80, 0.10), (0.45, 0.35, 0.95),
+)  # fmt: skip
+"""Colours that external vehicles without a `colour` get in turn (linear red, green, blue)."""
+_AT_THE_ORIGIN = Node((0.0, 0.0, 0.0))
+
 
 class Copies(Table, kw_only=True, frozen=True):
     """Several vehicles from one table, ``<name>_1``, ``<name>_2`` and so on, in rows to the north and columns to the east.
@@ -42,14 +52,6 @@ class Copies(Table, kw_only=True, frozen=True):
 
 
 Part = Annotated[float, Meta(ge=0.0, le=1.0)]
-DYNAMIC_TABLES = (
-    "mounts", "foils", "ballasts", "moving_masses", "actuators", "sensors", "autopilot", "lamps", "published",
-)  # fmt: skip
-"""Tables of a vehicle file that an external vehicle does not use. What remains is its looks, its solid shapes, and the parts that turn."""
-COLOURS: tuple[Vector3, ...] = (
-    (0.05, 0.55, 0.95), (0.95, 0.35, 0.05), (0.15, 0.75, 0.25), (0.85, 0.15, 0.65), (0.95, 0.80, 0.10), (0.45, 0.35, 0.95),
-)  # fmt: skip
-"""Colours that external vehicles without a `colour` get in turn (linear red, green, blue)."""
 
 
 class Following(Table, kw_only=True, frozen=True):
@@ -119,9 +121,6 @@ class VehicleEntry(Following, kw_only=True, frozen=True):
     override: dict[str, Any] = field(default_factory=dict)
     sensors: dict[str, SensorConfig] = field(default_factory=dict)
     autopilot: AutopilotConfig | UnsetType = UNSET
-
-
-_AT_THE_ORIGIN = Node((0.0, 0.0, 0.0))
 
 
 # -- copies -----------------------------------------------------------------------------------------------------------------------------

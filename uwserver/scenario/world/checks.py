@@ -16,6 +16,14 @@ from uwserver.scenario.files.errors import KeyPath, not_built
 from uwserver.scenario.world.earth import instant
 from uwserver.scenario.world.tables import GRAVITY_MPS2, Environment, WorldTable
 
+DENSITY_TOLERANCE = 0.005
+"""Relative difference by which density_kgpm3 may lie outside the densities of the water column, so that a rounded density is no error."""
+DENSITY_DOUBT = 0.003
+"""Relative difference of density that changes how a well trimmed vehicle floats, and so causes a warning."""
+STEEPEST = 1.0 / 16.0
+"""Ratio of Hs to the deep-water length of the peak period beyond which seas break (the limit of IMO and DNV for the steepest seas is near
+1/15)."""
+
 
 def check_rate(rate_hz: float, physics_hz: float, path: KeyPath, report: Report) -> None:
     """Check that a rate is the physics rate over a whole number (to 1e-9), so that samples fall on ticks."""
@@ -72,15 +80,6 @@ def check_time(world: WorldTable, report: Report) -> None:
 
 
 # -- water, currents and waves ----------------------------------------------------------------------------------------------------------
-
-
-DENSITY_TOLERANCE = 0.005
-"""Relative difference by which density_kgpm3 may lie outside the densities of the water column, so that a rounded density is no error."""
-DENSITY_DOUBT = 0.003
-"""Relative difference of density that changes how a well trimmed vehicle floats, and so causes a warning."""
-STEEPEST = 1.0 / 16.0
-"""Ratio of Hs to the deep-water length of the peak period beyond which seas break (the limit of IMO and DNV for the steepest seas is near
-1/15)."""
 
 
 def check_density(scenario: Node, report: Report, warn: Report) -> None:

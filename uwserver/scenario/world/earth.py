@@ -10,6 +10,11 @@ from uwserver.frames import Vec3
 from uwserver.units import NANOSECONDS, deg
 
 _RFC_3339 = re.compile(r"(\d{4}-\d\d-\d\d)[Tt ](\d\d:\d\d:\d\d)(?:\.(\d+))?([Zz]|[+-]\d\d:\d\d)")
+WMM_YEARS = (2025, 2030)
+"""First year of the model, and the first year after it."""
+_TESLA = 1e-9
+_STEP = 1000.0
+"""Distance to each side over which the gradient is taken, m."""
 
 
 def instant(text: str) -> datetime:
@@ -40,13 +45,6 @@ def year_of(at: datetime) -> float:
 
 
 # -- magnetic field ---------------------------------------------------------------------------------------------------------------------
-
-
-WMM_YEARS = (2025, 2030)
-"""First year of the model, and the first year after it."""
-_TESLA = 1e-9
-_STEP = 1000.0
-"""Distance to each side over which the gradient is taken, m."""
 
 
 def magnetic_about(latitude: float, longitude: float, year: float) -> tuple[Vec3, Vec3, Vec3, Vec3]:

@@ -15,6 +15,11 @@ from uwserver.environment.waves import WavesConfig
 from uwserver.table import Latitude, Name, NonNegative, Positive, Probability, Table, Vector3
 from uwserver.units import STANDARD_ATMOSPHERE_PA, rad
 
+SEA_WATER_KGPM3 = 1025.0
+"""Default density of the water."""
+GRAVITY_MPS2 = 9.81
+"""Gravity if the scenario has no place on the Earth."""
+
 
 class Clock(Table, kw_only=True, frozen=True):
     """How fast simulation time passes.
@@ -76,12 +81,6 @@ class WorldTable(Table, kw_only=True, frozen=True):
 
 
 # -- environment ------------------------------------------------------------------------------------------------------------------------
-
-
-SEA_WATER_KGPM3 = 1025.0
-"""Default density of the water."""
-GRAVITY_MPS2 = 9.81
-"""Gravity if the scenario has no place on the Earth."""
 
 
 class Current(Table, kw_only=True, frozen=True):

@@ -33,6 +33,8 @@ _UP = -0.7
 """What has a normal with a smaller down component than this counts as bottom."""
 _LEAST_RAYS = 256
 Output = Literal["counts", "pressure", "complex"]
+_OTHER = 1 << 63
+"""Bit that no number of a ping has: it tells the noise of the difference of both halves of the array from the noise of their sum."""
 
 
 class Pulse(NamedTuple):
@@ -291,9 +293,6 @@ def picture_of(sound: Plane, gain: FloatArray, level: FloatArray, steps: float, 
     columns.counts(intensity, level, steps, columns.LOGARITHMS, counts)
     return counts
 
-
-_OTHER = 1 << 63
-"""Bit that no number of a ping has: it tells the noise of the difference of both halves of the array from the noise of their sum."""
 
 Methods = npt.NDArray[np.uint8]
 Apart = Callable[[IntArray], tuple[Plane, int]]

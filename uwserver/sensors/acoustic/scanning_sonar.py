@@ -59,6 +59,8 @@ COUNTS, PRESSURE, COMPLEX = range(3)
 FULL_SCALE = 255.0
 
 _gates, _fade = compiled(gates), compiled(fade.py_func)
+ANGLE, RANGE, GAIN, BINS = range(4)
+"""Places where the fields of a reading begin."""
 
 
 @compiled
@@ -190,10 +192,6 @@ def hear(
     _energy(row, surroundings, R, alpha, divided, direction, hits, energy)
     _receive(head, row, surroundings, t, p, R, c, divided, energy, sound)
     _write_bins(row, alpha, sound, out)
-
-
-ANGLE, RANGE, GAIN, BINS = range(4)
-"""Places where the fields of a reading begin."""
 
 
 class ScanningSonarConfig(SonarTable, tag="scanning_sonar", kw_only=True, frozen=True):

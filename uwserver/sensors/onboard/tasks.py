@@ -22,6 +22,18 @@ Extent = Annotated[float, Meta(gt=0.0, le=1e4)]
 """Length of an edge or a distance, m."""
 Points = Annotated[float, Meta(ge=0, le=1e6)]
 """Points to gain or lose. They are bounded, so that sums stay finite."""
+_MOST_METRES = 2000
+_TOLERANCE_M = 0.03
+"""A ray that ends this near to the box around a structure has hit the structure."""
+_AHEAD_M = 4.0
+"""Length of the pipe ahead of which the pilot has to see some part."""
+_LEAD_M = 3.0
+"""The goal on the pipe is this far ahead of the vehicle."""
+_SAMPLES = (
+    (0.0, 0.0, 0.0), (-0.5, 0.0, 0.0), (0.5, 0.0, 0.0), (0.0, -0.5, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, -0.5), (0.0, 0.0, 0.5),
+)  # fmt: skip
+"""Points of the box around a structure at which rays are aimed, in halves of its edges."""
+_MET = 5
 
 
 class Eye(NamedTuple):
@@ -200,17 +212,6 @@ class Gate(Task, tag="gate", kw_only=True, frozen=True):
 
 
 Metres = Annotated[float, Meta(ge=-1e6, le=1e6)]
-_MOST_METRES = 2000
-_TOLERANCE_M = 0.03
-"""A ray that ends this near to the box around a structure has hit the structure."""
-_AHEAD_M = 4.0
-"""Length of the pipe ahead of which the pilot has to see some part."""
-_LEAD_M = 3.0
-"""The goal on the pipe is this far ahead of the vehicle."""
-_SAMPLES = (
-    (0.0, 0.0, 0.0), (-0.5, 0.0, 0.0), (0.5, 0.0, 0.0), (0.0, -0.5, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, -0.5), (0.0, 0.0, 0.5),
-)  # fmt: skip
-"""Points of the box around a structure at which rays are aimed, in halves of its edges."""
 
 
 def is_hidden(eye: Vec3, outline: Outline, geometry: Geometry) -> bool:
@@ -296,9 +297,6 @@ class Inspect(Task, tag="inspect", kw_only=True, frozen=True):
         if moment.speed > self.max_speed_mps or moment.turning > rad(self.max_turn_degps):
             return 4, "hold still"
         return _MET, "keep looking"
-
-
-_MET = 5
 
 
 class Finding(Table, kw_only=True, frozen=True):

@@ -26,6 +26,10 @@ DEPTH = 500.0
 _HEAVY = 1e12
 """Mass in kg and inertia in kg m2 of a body that no thrust moves."""
 _DT, _SPUN_UP_S = 0.02, 10.0
+_SMALL = 0.02
+"""Angle in rad of a fin to measure its effect, and the part of an effect that counts as none."""
+_AXES = (0, 1, 2, 5)
+"""Surge, sway, heave and yaw in a wrench."""
 
 
 def bollard(body: BodyParams, tell: Sequence[Callable[[Hydrodynamics, int], None]]) -> FloatArray:
@@ -47,12 +51,6 @@ def bollard(body: BodyParams, tell: Sequence[Callable[[Hydrodynamics, int], None
         hydro.advance(k * _DT)
     wrench: FloatArray = hydro.rates_of_change(_SPUN_UP_S)[1]
     return wrench
-
-
-_SMALL = 0.02
-"""Angle in rad of a fin to measure its effect, and the part of an effect that counts as none."""
-_AXES = (0, 1, 2, 5)
-"""Surge, sway, heave and yaw in a wrench."""
 
 
 class Sticks(NamedTuple):

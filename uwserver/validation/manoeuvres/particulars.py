@@ -1,4 +1,7 @@
-"""The numbers of a vehicle: mass, size, added mass, damping, righting arm and thrust, each with the status that it has in the vehicle's file."""
+"""The numbers of a vehicle: mass, size, added mass, damping, righting arm and thrust, each with the status that it has in the vehicle's file.
+
+The size comes from points on the surface of the vehicle's shapes, of which its picture is made too.
+"""
 
 from __future__ import annotations
 
@@ -22,6 +25,15 @@ from uwserver.validation.manoeuvres.helm import Helm, Sticks, bollard
 from uwserver.validation.manoeuvres.runs import floats
 
 _AROUND, _ALONG = 36, 13
+THRUSTS = {
+    "ahead": ("surge", 1.0, 0),
+    "astern": ("surge", -1.0, 0),
+    "to starboard": ("sway", 1.0, 1),
+    "down": ("heave", 1.0, 2),
+    "up": ("heave", -1.0, 2),
+    "turning": ("yaw", 1.0, 5),
+}
+"""A stick of `Sticks`, its full command, and the axis of the resulting wrench."""
 
 
 def outline(solid: Solid) -> list[FloatArray]:
@@ -50,17 +62,6 @@ def _ring(radius: float, x: float) -> FloatArray:
 def _ball(radius: float) -> FloatArray:
     latitude = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _ALONG)
     return np.concatenate([_ring(radius * float(np.cos(a)), radius * float(np.sin(a))) for a in latitude])
-
-
-THRUSTS = {
-    "ahead": ("surge", 1.0, 0),
-    "astern": ("surge", -1.0, 0),
-    "to starboard": ("sway", 1.0, 1),
-    "down": ("heave", 1.0, 2),
-    "up": ("heave", -1.0, 2),
-    "turning": ("yaw", 1.0, 5),
-}
-"""A stick of `Sticks`, its full command, and the axis of the resulting wrench."""
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,10 @@ _SETTLING_S = 120.0
 
 Plan = Callable[[float, FloatArray], Sticks]
 """Returns the sticks at a time (s) and a state (13)."""
+APPROACH_S, TURNING_S = 120.0, 200.0
+"""Time straight ahead before a manoeuvre, and time of the manoeuvre."""
+BY_THRUST, ON_THE_SPOT = "ahead 50 %, yaw 50 %", "on the spot, yaw 100 %"
+"""Names of turns by thrusters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,8 +198,6 @@ def then(first: Sticks, seconds: float, second: Sticks | Plan) -> Plan:
 
 Value = float | None
 """A figure; None if the vehicle did not get that far."""
-APPROACH_S, TURNING_S = 120.0, 200.0
-"""Time straight ahead before a manoeuvre, and time of the manoeuvre."""
 
 
 @dataclass(frozen=True)
@@ -241,10 +243,6 @@ class Trial:
         return next(
             (row.values[places[key]] for row in self.rows if row.condition == condition and key in places), None
         )
-
-
-BY_THRUST, ON_THE_SPOT = "ahead 50 %, yaw 50 %", "on the spot, yaw 100 %"
-"""Names of turns by thrusters."""
 
 
 def ahead(throttle: float) -> str:

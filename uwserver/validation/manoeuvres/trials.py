@@ -41,6 +41,14 @@ THROTTLES = (0.3, 0.6, 1.0)
 SHORT_S, LONG_S = 20.0, 600.0
 """Times after which the figures of straight runs and dives, and those of ballast, which is slow, are read."""
 PLANES, HEEL = rad(5.0), rad(10.0)
+RUDDER, ZIGZAG, ZIGZAG_BY_THRUST = rad(15.0), rad(10.0), rad(20.0)
+ZIGZAGGED = (
+    Column("approach", "speed before", "m/s"),
+    Column("execute", "heading reached after", "s"),
+    Column("first", "first overshoot", "rad"),
+    Column("second", "second overshoot", "rad"),
+    Column("period", "period", "s"),
+)
 
 
 def left_alone(waters: Waters) -> Trial:
@@ -243,7 +251,6 @@ def stop(waters: Waters) -> Trial:
 
 # -- turns ------------------------------------------------------------------------------------------------------------------------------
 
-RUDDER, ZIGZAG, ZIGZAG_BY_THRUST = rad(15.0), rad(10.0), rad(20.0)
 CIRCLE = (
     Column("approach", "speed before", "m/s"),
     Column("advance", "advance", "m"),
@@ -309,15 +316,6 @@ class _ZigZag:
         if (turned if self._side == 0 else -turned) >= self._angle:
             self._side = 1 - self._side
         return self._sticks[self._side]
-
-
-ZIGZAGGED = (
-    Column("approach", "speed before", "m/s"),
-    Column("execute", "heading reached after", "s"),
-    Column("first", "first overshoot", "rad"),
-    Column("second", "second overshoot", "rad"),
-    Column("period", "period", "s"),
-)
 
 
 def zig_zag(waters: Waters) -> Trial:

@@ -24,6 +24,8 @@ from uwserver.world.faults.table import (
 )
 
 HullFault = BuoyancyChange | MassLoss
+MAX_VOLUME = 10
+"""Largest volume of a hull as a multiple of its own. A larger one would shoot out of the sea and end the run for all clients."""
 
 
 class Hull(NamedTuple):
@@ -93,10 +95,6 @@ def damaged(body: BodyParams, hull: Hull, faults: Iterable[HullFault], density: 
 
 def _place(hull: Hull, fault: MassLoss) -> Vec3:
     return hull.r_g if isinstance(fault.position_frd_m, UnsetType) else fault.position_frd_m
-
-
-MAX_VOLUME = 10
-"""Largest volume of a hull as a multiple of its own. A larger one would shoot out of the sea and end the run for all clients."""
 
 
 class Targets(NamedTuple):

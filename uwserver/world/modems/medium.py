@@ -28,6 +28,17 @@ from uwserver.world.parts.vehicle import Vehicle
 from uwserver.world.sensing.sensor_slot import SensorSlot
 from uwserver.world.world import World
 
+_CLOSING = 0.02
+"""Sender and receiver approach each other with at most this fraction of the speed of the signal. If they are faster, an arrival is noticed
+a little late."""
+_FAINTEST = 1e-3
+"""A signal weaker than this fraction of the noise is not heard and disturbs nothing."""
+_MOST_MET = 8
+"""Packets whose path is traced in one tick, as each takes a fifth of a millisecond. The others follow in the next ticks, with the times at
+which they arrived."""
+_PATIENCE_S = 0.5
+"""An answer is awaited for so long after the time at which it must have come."""
+
 
 class Node(NamedTuple):
     """One modem.
@@ -67,18 +78,6 @@ def nodes_of(sensors: Mapping[str, SensorSlot], vehicles: Mapping[str, Vehicle])
         for path, slot in sensors.items()
         if isinstance(slot.sensor, Modem)
     }
-
-
-_CLOSING = 0.02
-"""Sender and receiver approach each other with at most this fraction of the speed of the signal. If they are faster, an arrival is noticed
-a little late."""
-_FAINTEST = 1e-3
-"""A signal weaker than this fraction of the noise is not heard and disturbs nothing."""
-_MOST_MET = 8
-"""Packets whose path is traced in one tick, as each takes a fifth of a millisecond. The others follow in the next ticks, with the times at
-which they arrived."""
-_PATIENCE_S = 0.5
-"""An answer is awaited for so long after the time at which it must have come."""
 
 
 class Medium(Part):

@@ -29,6 +29,8 @@ from uwserver.world.sensing.timetable import Group, groups_of
 _MOST = 65536
 IN_FLIGHT = np.dtype([(name, "i8") for name in ("t_sent_ns", "order", "port", "seq", "t_ns", "valid")])
 """A sample in flight in a state; `port` is its place in the ports of that state."""
+_EARLY_NS = 2
+"""Times in seconds are rounded by less than this, up to a hundred days. A sensor that is called earlier by so much has nothing to do yet."""
 
 
 class InFlightSamples(State, frozen=True, omit_defaults=True):
@@ -81,10 +83,6 @@ class InFlightSamples(State, frozen=True, omit_defaults=True):
         if (np.lexsort((entries["order"], entries["t_sent_ns"])) != np.arange(len(entries))).any():
             raise ValueError("the samples in flight are not in the order of their delivery")
         return entries
-
-
-_EARLY_NS = 2
-"""Times in seconds are rounded by less than this, up to a hundred days. A sensor that is called earlier by so much has nothing to do yet."""
 
 
 class Sensing(Part):

@@ -25,6 +25,8 @@ from uwserver.world.sensing.sensor_arrays import SensorArrays
 
 Held = tuple[bool, tuple[Value, ...]] | None
 """The last reading: whether it is valid, and its values. None before the first reading."""
+_FLOAT = 8
+"""Bytes of a number."""
 
 
 @dataclass(slots=True, eq=False)
@@ -119,8 +121,6 @@ def _bytes(first: int, count: int) -> slice:
 
 
 _NUMBER, _HELD = _offset(HEAD, "number"), _offset(STREAM, "held")
-_FLOAT = 8
-"""Bytes of a number."""
 
 
 class SensorRows:

@@ -17,6 +17,8 @@ from uwserver.world.parts.part import Count, Part, Stage, State, Stateless, read
 NEVER = -(10**18)
 """A tick before all others."""
 Tick = Annotated[int, Meta(ge=NEVER, le=2**62)]
+CONFLICT_WINDOW_S = 1.0
+"""Two sources that command the same actuator within this simulation time are in conflict."""
 
 
 class CommandHistory(Struct, frozen=True):
@@ -122,10 +124,6 @@ class ActuatorSlot(Part):
         by = state.sources
         self.source, self.other_tick = by.source, by.other_tick
         self.conflicts, self.timeouts = by.conflicts, by.timeouts
-
-
-CONFLICT_WINDOW_S = 1.0
-"""Two sources that command the same actuator within this simulation time are in conflict."""
 
 
 class Commands(Stateless):

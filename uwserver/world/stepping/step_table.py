@@ -30,6 +30,11 @@ if TYPE_CHECKING:  # importing them imports numba
 
 
 Number = TypeVar("Number", int, IntArray)
+_NO_TABLE: IntArray = np.zeros((0, 2), np.int64)
+_FOUND = ("pairs", "line_first", "lines", "overlapping", "bodies", "numbers", "keys", "coefficients", "led")
+LONGEST = 1024
+"""Most ticks in one call of the step."""
+_NO_TIMES = 0, 0, 0, 0, 0.0, 0.0
 
 
 class Ticks:
@@ -62,13 +67,6 @@ class Ticks:
         """
         slack_ns = max(1, math.ceil(2 * math.ulp(t_s) * NANOSECONDS))
         return max(0, self.first_at(round(t_s * NANOSECONDS) - slack_ns))
-
-
-_NO_TABLE: IntArray = np.zeros((0, 2), np.int64)
-_FOUND = ("pairs", "line_first", "lines", "overlapping", "bodies", "numbers", "keys", "coefficients", "led")
-LONGEST = 1024
-"""Most ticks in one call of the step."""
-_NO_TIMES = 0, 0, 0, 0, 0.0, 0.0
 
 
 class StepTable:

@@ -1,4 +1,7 @@
-"""All channels of one vehicle: decodes and routes what comes in, and encodes what the vehicle says. Sans-IO, except for the log."""
+"""All channels of one vehicle: decodes and routes what comes in, and encodes what the vehicle says. Sans-IO, except for the log.
+
+Senders and the channels behind which they are follow the rules of ArduPilot's MAVLink_routes.
+"""
 
 from __future__ import annotations
 
@@ -29,6 +32,13 @@ ROUTES = 64
 """Senders that are remembered; a new one replaces the oldest."""
 NEVER_FORWARDED = frozenset({"RADIO", "RADIO_STATUS", "SETUP_SIGNING"})
 """Messages that concern only the two ends of one link."""
+COMPONENT = 1
+"""Component number of the autopilot; ground stations look at no other."""
+_UNSIGNED = frozenset({"RADIO", "RADIO_STATUS"})
+_FRAMES_AT_ONCE = 1024
+"""Frames and malformed pieces that are decoded from one datagram or one read of a serial line. Real ones have far fewer."""
+_PARTS_PER_TICK = 60
+"""Download messages that a channel gets between two ticks: 1200/s at the usual 20 ticks per second."""
 
 
 class Destinations(Struct, frozen=True):
@@ -84,15 +94,6 @@ class Routes:
         """Forget all senders behind a channel that has been closed."""
         for key in [key for key in self._seen if key[2] == channel]:
             del self._seen[key]
-
-
-COMPONENT = 1
-"""Component number of the autopilot; ground stations look at no other."""
-_UNSIGNED = frozenset({"RADIO", "RADIO_STATUS"})
-_FRAMES_AT_ONCE = 1024
-"""Frames and malformed pieces that are decoded from one datagram or one read of a serial line. Real ones have far fewer."""
-_PARTS_PER_TICK = 60
-"""Download messages that a channel gets between two ticks: 1200/s at the usual 20 ticks per second."""
 
 
 class Router:

@@ -30,6 +30,10 @@ JSON_OUT, JSON_IN = "mavlink/out", "mavlink/in"
 """Keys of all messages from the vehicle, and of those to it."""
 KEYS = 4096
 """Keys that are remembered at a time, since forwarded messages may come from any number of senders."""
+OUT, IN = "mavlink_raw/out", "mavlink_raw/in"
+"""Keys, named from the vehicle's side."""
+WAITING = 1000
+"""Messages that may wait for the loop. More are dropped and counted."""
 
 
 class _Key:
@@ -123,12 +127,6 @@ class JsonKeys:
                 self._keys.clear()
             known = self._keys[key] = _Key(self._session, key)
         return known
-
-
-OUT, IN = "mavlink_raw/out", "mavlink_raw/in"
-"""Keys, named from the vehicle's side."""
-WAITING = 1000
-"""Messages that may wait for the loop. More are dropped and counted."""
 
 
 class ZenohLink(Link):

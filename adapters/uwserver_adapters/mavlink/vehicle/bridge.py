@@ -17,6 +17,14 @@ from uwserver_adapters.mavlink.wire.channel import Channel
 from uwserver_adapters.mavlink.wire.codec import Datum, datum, degrees_e7, from_degrees_e7, microseconds
 from uwserver_adapters.mavlink.wire.dialect import Dialect, Fields
 
+SOURCE = "ground station"
+"""All ground stations are one source of commands: they take turns by MAVLink's own rules."""
+CRITICAL, ERROR, WARNING = "MAV_SEVERITY_CRITICAL", "MAV_SEVERITY_ERROR", "MAV_SEVERITY_WARNING"
+NOTICE, INFO = "MAV_SEVERITY_NOTICE", "MAV_SEVERITY_INFO"
+_TEXT = 50
+"""Characters of one STATUSTEXT. A longer text is sent in pieces."""
+_LONGEST_TEXT = 4 * _TEXT
+
 
 class Place(Struct, frozen=True):
     """Latitude and longitude (rad), and altitude above the sea (m)."""
@@ -121,9 +129,6 @@ def place_of_e7(latitude_e7: float, longitude_e7: float, altitude: float) -> Pla
     return Place(from_degrees_e7(latitude_e7), from_degrees_e7(longitude_e7), altitude)
 
 
-SOURCE = "ground station"
-"""All ground stations are one source of commands: they take turns by MAVLink's own rules."""
-
 Done = Callable[[str], None]
 """Takes the outcome once: "" for success, else the reason of the failure."""
 
@@ -219,13 +224,6 @@ class Autopilot:
 
 def _reason(reply: Reply) -> str:
     return reply.fault.text if reply.fault is not None else ""
-
-
-CRITICAL, ERROR, WARNING = "MAV_SEVERITY_CRITICAL", "MAV_SEVERITY_ERROR", "MAV_SEVERITY_WARNING"
-NOTICE, INFO = "MAV_SEVERITY_NOTICE", "MAV_SEVERITY_INFO"
-_TEXT = 50
-"""Characters of one STATUSTEXT. A longer text is sent in pieces."""
-_LONGEST_TEXT = 4 * _TEXT
 
 
 class Send(Protocol):

@@ -9,6 +9,18 @@ from msgspec import Struct
 
 from uwserver_adapters.mavlink.wire.dialect import Fields
 
+VERSION = (4, 5, 0)
+"""The version of ArduSub whose protocol this is."""
+_OFFICIAL = 255
+FRAMES = {6: (1, "VECTORED"), 8: (2, "VECTORED_6DOF")}
+"""Number of thrusters -> FRAME_CONFIG and name of ArduSub's frame."""
+CUSTOM_FRAME = (7, "CUSTOM")
+CAPABILITIES = (
+    "MISSION_FLOAT", "PARAM_FLOAT", "MISSION_INT", "COMMAND_INT", "FTP", "SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED",
+    "SET_POSITION_TARGET_GLOBAL_INT", "FLIGHT_TERMINATION", "MAVLINK2",
+)  # fmt: skip
+"""Values of MAV_PROTOCOL_CAPABILITY; neither fences nor rally points."""
+
 
 class Mode(Struct, frozen=True):
     """One mode of ArduSub.
@@ -58,19 +70,6 @@ _BY_AUTOPILOT |= {
 def shown(autopilot: str) -> Mode:
     """Return ArduSub's mode for a mode of the autopilot; MANUAL for an unknown one."""
     return _BY_AUTOPILOT.get(autopilot, MANUAL)
-
-
-VERSION = (4, 5, 0)
-"""The version of ArduSub whose protocol this is."""
-_OFFICIAL = 255
-FRAMES = {6: (1, "VECTORED"), 8: (2, "VECTORED_6DOF")}
-"""Number of thrusters -> FRAME_CONFIG and name of ArduSub's frame."""
-CUSTOM_FRAME = (7, "CUSTOM")
-CAPABILITIES = (
-    "MISSION_FLOAT", "PARAM_FLOAT", "MISSION_INT", "COMMAND_INT", "FTP", "SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED",
-    "SET_POSITION_TARGET_GLOBAL_INT", "FLIGHT_TERMINATION", "MAVLINK2",
-)  # fmt: skip
-"""Values of MAV_PROTOCOL_CAPABILITY; neither fences nor rally points."""
 
 
 def banner(server: str, frame_name: str) -> Sequence[str]:

@@ -12,6 +12,10 @@ from uwserver_adapters.mavlink.vehicle.parameters import Parameters
 from uwserver_adapters.mavlink.wire.codec import NEUTRAL_US, deflection, from_degrees, pulse
 
 TILT_STEP_DEG, TILT_LIMIT_DEG = 5.0, 45.0
+COUNT = 16
+_MOTOR_1, _MOTORS = 33, 8
+_TILT, _LIGHTS = 7, {59: 0, 60: 1, 181: 0, 182: 1}
+"""Values of SERVOn_FUNCTION. Lights without a function of their own follow RC inputs 9 and 10."""
 
 
 class Payload:
@@ -94,12 +98,6 @@ class Payload:
             35: lambda: light(1, 1.0),
             36: lambda: light(1, -1.0),
         }
-
-
-COUNT = 16
-_MOTOR_1, _MOTORS = 33, 8
-_TILT, _LIGHTS = 7, {59: 0, 60: 1, 181: 0, 182: 1}
-"""Values of SERVOn_FUNCTION. Lights without a function of their own follow RC inputs 9 and 10."""
 
 
 def wired(motors: int) -> Mapping[str, float]:

@@ -26,6 +26,16 @@ PACKED = {"int8": (1, "b"), "int16": (2, "h"), "int32": (3, "i"), "real32": (4, 
 """Number and format of a type in a packed parameter file."""
 READ_ONLY = frozenset({"MAV_SYSID", "FORMAT_VERSION", "STAT_BOOTCNT", "STAT_RUNTIME", "STAT_FLTTIME", "MIS_TOTAL"})
 """Parameters that only the scenario may set."""
+_HEAD = struct.Struct("<HBBBBBxI")
+DATA = 239
+"""Bytes of a file in one message."""
+SIZE = 251
+TERMINATE, RESET, LIST, OPEN, READ, CRC, BURST, ACK, NAK = 1, 2, 3, 4, 5, 14, 15, 128, 129
+INVALID_SESSION, NO_SESSIONS, END, UNKNOWN_COMMAND, NOT_FOUND = 4, 5, 6, 7, 10
+SESSIONS = 64
+"""Files that may be open at a time, of all clients."""
+BURST_PARTS = 20
+"""Messages of one burst: 4780 bytes. Then the peer requests the next."""
 
 
 class Parameters:
@@ -136,18 +146,6 @@ class Parameters:
                 out += struct.pack(f"<{form}", item if form == "f" else int(item))
             before = name
         return bytes(out)
-
-
-_HEAD = struct.Struct("<HBBBBBxI")
-DATA = 239
-"""Bytes of a file in one message."""
-SIZE = 251
-TERMINATE, RESET, LIST, OPEN, READ, CRC, BURST, ACK, NAK = 1, 2, 3, 4, 5, 14, 15, 128, 129
-INVALID_SESSION, NO_SESSIONS, END, UNKNOWN_COMMAND, NOT_FOUND = 4, 5, 6, 7, 10
-SESSIONS = 64
-"""Files that may be open at a time, of all clients."""
-BURST_PARTS = 20
-"""Messages of one burst: 4780 bytes. Then the peer requests the next."""
 
 
 class Request(Struct, frozen=True):

@@ -21,6 +21,9 @@ _BUTTONS = 32
 _SHIFT, _GAIN_TOGGLE, _GAIN_UP, _GAIN_DOWN, _INPUT_HOLD, _ROLL_PITCH = 1, 41, 42, 43, 48, 49
 _TRIMS = {44: (ROLL, 10), 45: (ROLL, -10), 46: (PITCH, 10), 47: (PITCH, -10)}
 _UNCHANGED, _RELEASED = 0xFFFF, 0xFFFF - 1
+_DISARM, _HOLD, _SURFACE = 2, 3, 4
+AGAIN_S, GCS_AGAIN_S = 20.0, 30.0
+"""Time after which a fail-safe that lasts is announced again, s: the second is for the ground station's."""
 
 
 class Pilot:
@@ -189,11 +192,6 @@ class Pilot:
             self._say("#Attitude Control" if self.steers_attitude else "#Movement Control")
         elif function in self._actions:
             self._actions[function]()
-
-
-_DISARM, _HOLD, _SURFACE = 2, 3, 4
-AGAIN_S, GCS_AGAIN_S = 20.0, 30.0
-"""Time after which a fail-safe that lasts is announced again, s: the second is for the ground station's."""
 
 
 class Failsafes:

@@ -33,6 +33,7 @@ INSTRUMENTS: Mapping[str, str] = {
 """Standard message of a port -> the instrument whose readings are sent to ground stations."""
 _ASSUMED_NS = 2_000_000_000
 """An assumed change is dropped when the autopilot's last sample is this much older than the change, ns."""
+UNKNOWN_16 = 0xFFFF
 
 
 class State(Struct, frozen=True):
@@ -233,9 +234,6 @@ def _row(value: object) -> tuple[float, ...]:
 def _integer(value: object, default: int) -> int:
     number = finite(value)
     return default if number is None else int(number)
-
-
-UNKNOWN_16 = 0xFFFF
 
 
 class Instruments:

@@ -31,6 +31,8 @@ GROUPS: Mapping[int, tuple[str, tuple[str, ...]]] = {
 """Group number -> suffix of its parameter's name, and its messages."""
 FASTEST_S = 0.01
 """Shortest interval, s."""
+BACKLOG = 16
+"""Downloads (parameters, files) that may be in progress on a channel. A new one ends the oldest."""
 
 
 class Streams:
@@ -106,9 +108,6 @@ class Streams:
 
 Outgoing = tuple[str, Fields]
 """A message to send: its name and fields."""
-
-BACKLOG = 16
-"""Downloads (parameters, files) that may be in progress on a channel. A new one ends the oldest."""
 
 
 class Channel:

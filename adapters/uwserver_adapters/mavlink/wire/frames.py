@@ -18,6 +18,13 @@ _HEAD_1, _HEAD_2 = 6, 10
 _CRC = 2
 _TRIES = 64
 """Offsets at which a frame is looked for in one call, so that garbage cannot hold up the caller."""
+KEY_SIZE = 32
+EPOCH_S = 1_420_070_400
+"""1 January 2015 UTC, seconds since 1970: time stamps count from here."""
+STAMPS_PER_S = 100_000
+_BEHIND = 60 * STAMPS_PER_S
+"""How far behind a new sender's time stamps may be."""
+_STAMP_MAX = (1 << 48) - 1
 
 
 class Frame(Struct, frozen=True):
@@ -137,15 +144,6 @@ def pack(
     head = bytes((len(payload), SIGNED if is_signed else 0, 0, seq, system, component)) + id.to_bytes(3, "little")
     crc = dialect.crc(head + payload + bytes((dialect.by_id[id].crc_extra,)))
     return b"\xfd" + head + payload + crc.to_bytes(2, "little")
-
-
-KEY_SIZE = 32
-EPOCH_S = 1_420_070_400
-"""1 January 2015 UTC, seconds since 1970: time stamps count from here."""
-STAMPS_PER_S = 100_000
-_BEHIND = 60 * STAMPS_PER_S
-"""How far behind a new sender's time stamps may be."""
-_STAMP_MAX = (1 << 48) - 1
 
 
 def key_of(passphrase: str) -> bytes:

@@ -32,6 +32,19 @@ from uwserver_adapters.moos.wire import TEXT_LIMIT, readable
 
 DESTINATION, TEXT, BINARY = "ACOMMS_TRANSMIT_DEST", "ACOMMS_TRANSMIT_DATA", "ACOMMS_TRANSMIT_DATA_BINARY"
 SOURCE_ID, DEST_ID, DATA = "ACOMMS_RECEIVED_SOURCE_ID", "ACOMMS_RECEIVED_DEST_ID", "ACOMMS_RECEIVED_DATA"
+CALL = "UWSERVER_CALL"
+REPLY = "UWSERVER_REPLY"
+ERROR = "UWSERVER_ERROR"
+EVENT = "UWSERVER_EVENT"
+TIME = "UWSERVER_TIME"
+MODE = "SIMULATION_MODE"
+STATUS = "world/status"
+CALLS_PER_S = 50
+"""Most calls that one client may begin in a second."""
+STATES_PER_S = 200
+"""Most resets, currents, pauses and the like: enough for a current ten times a second at warp 20."""
+COMMANDS_PER_S = 4000
+"""Most writes of actuators' variables: enough for three of them 20 times a second at warp 60."""
 
 
 class Acomms:
@@ -84,21 +97,6 @@ class Acomms:
 
 
 Pairs = Sequence[tuple[str, float | str]]
-
-CALL = "UWSERVER_CALL"
-REPLY = "UWSERVER_REPLY"
-ERROR = "UWSERVER_ERROR"
-EVENT = "UWSERVER_EVENT"
-TIME = "UWSERVER_TIME"
-MODE = "SIMULATION_MODE"
-STATUS = "world/status"
-
-CALLS_PER_S = 50
-"""Most calls that one client may begin in a second."""
-STATES_PER_S = 200
-"""Most resets, currents, pauses and the like: enough for a current ten times a second at warp 20."""
-COMMANDS_PER_S = 4000
-"""Most writes of actuators' variables: enough for three of them 20 times a second at warp 60."""
 
 
 _Route = tuple[Quota | None, Callable[[str, Any, str], None]]

@@ -23,6 +23,10 @@ BEAT_S = 1.0
 """Wall time between two heartbeats. A MOOSDB gives up after 5 s of silence."""
 WAITING = 4 << 20
 """Bytes that may wait for a database that does not read. Samples are dropped above that."""
+RETRY_S = 0.25
+"""Wall time between two attempts to connect."""
+CONNECT_S = 1.0
+"""Wall time for the connection, and again for the welcome."""
 
 
 class LinkLost(Exception):
@@ -201,12 +205,6 @@ class Link(asyncio.Protocol):
         """Close at once, if the connection was made."""
         if self._greeted:
             self._transport.abort()
-
-
-RETRY_S = 0.25
-"""Wall time between two attempts to connect."""
-CONNECT_S = 1.0
-"""Wall time for the connection, and again for the welcome."""
 
 
 class Community:

@@ -34,6 +34,15 @@ LONGEST_REQUEST_S = 30.0
 KEYS = 16
 """Most programs that may ask for appcasts at the same time."""
 _TEXT_LIMIT = 512
+NODE_REPORTS = ("NODE_REPORT", "NODE_REPORT_LOCAL")
+"""Variables with node reports: as they come from other communities, and as pNodeReporter writes them."""
+LONGEST = 4096
+"""Longest node report, characters. They have some hundreds."""
+VARIABLES = "_*"
+"""End of the name of a vehicle that is followed by its variables: ``NAV_*``."""
+_PAIR = re.compile(r'\s*([A-Za-z_]\w*)\s*=\s*("[^"]*"|\{[^{}]*\}|[^,]*)(?:,|$)')
+_KEYS = {"X": "X", "Y": "Y", "DEPTH": "DEP", "HEADING": "HDG", "SPEED": "SPD"}
+"""Last word of a variable -> key of a node report."""
 
 
 class Pace:
@@ -143,16 +152,6 @@ def _plain(text: str) -> str:
     """Return a text without the separators of an appcast."""
     return text.replace("!@", "").replace("\n", " ")
 
-
-NODE_REPORTS = ("NODE_REPORT", "NODE_REPORT_LOCAL")
-"""Variables with node reports: as they come from other communities, and as pNodeReporter writes them."""
-LONGEST = 4096
-"""Longest node report, characters. They have some hundreds."""
-VARIABLES = "_*"
-"""End of the name of a vehicle that is followed by its variables: ``NAV_*``."""
-_PAIR = re.compile(r'\s*([A-Za-z_]\w*)\s*=\s*("[^"]*"|\{[^{}]*\}|[^,]*)(?:,|$)')
-_KEYS = {"X": "X", "Y": "Y", "DEPTH": "DEP", "HEADING": "HDG", "SPEED": "SPD"}
-"""Last word of a variable -> key of a node report."""
 
 Commands = Iterator[tuple[str, Mapping[str, object]]]
 """Paths of ports, and the fields of their commands."""

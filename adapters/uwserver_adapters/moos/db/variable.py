@@ -14,6 +14,9 @@ from uwserver_adapters.moos import wire
 from uwserver_adapters.moos.clock import Latency
 from uwserver_adapters.moos.wire import MoosMessage
 
+MARKED = 64
+"""Work of a comparison with a question mark in the pattern: 20 us with the longest names."""
+
 
 class Letter:
     """A message on its way to many clients; it is encoded once.
@@ -106,10 +109,6 @@ class Variable:
         """Return whether this client is registered, and not an earlier one of the same name."""
         there = self.subscribers.get(name)
         return there is not None and there.client is client
-
-
-MARKED = 64
-"""Work of a comparison with a question mark in the pattern: 20 us with the longest names."""
 
 
 def fits(key: str, source: str, pattern: str, app: str) -> bool:

@@ -18,6 +18,7 @@ _NAN3 = (float("nan"),) * 3
 _EXACT = np.zeros(36)
 NOT_MEASURED = 1e6
 """Variance of a quantity that a sensor does not measure: so large that no filter takes the value for knowledge."""
+_FSD: tuple[tuple[str, Quat], ...] = (("_fsd", (1.0, 0.0, 0.0, 0.0)),)
 
 
 def imu(ros_port: RosPort) -> Iterator[SensorTopic]:
@@ -270,7 +271,6 @@ def estimate(ros_port: RosPort) -> Iterator[SensorTopic]:
         yield SensorTopic("/tf", "tf2_msgs/msg/TFMessage", path, ros_port.complete(where, tf))
 
 
-_FSD: tuple[tuple[str, Quat], ...] = (("_fsd", (1.0, 0.0, 0.0, 0.0)),)
 _FRAMES: dict[str, tuple[tuple[str, Quat], ...]] = {
     "Dvl": (*_FSD, ("_beam", BEAM)),
     "Range": (("_beam", BEAM),),

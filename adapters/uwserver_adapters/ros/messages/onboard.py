@@ -15,6 +15,8 @@ from uwserver_adapters.ros.messages.frames import flu
 from uwserver_adapters.ros.messages.motion import NOT_MEASURED, pose_stamped, scalar, temperature
 from uwserver_adapters.ros.messages.ros_port import Mount, RosPort, SensorTopic, diagonal, number, numbers
 
+_NAN = math.nan
+
 
 def pressure(ros_port: RosPort) -> Iterator[SensorTopic]:
     """Yield a FluidPressure; for a sensor that gives a depth instead, a pose in map for robot_localization, and the depth as a Float64.
@@ -74,9 +76,6 @@ def sound_speed(ros_port: RosPort) -> Iterator[SensorTopic]:
 
     yield ros_port.sensor_topic("", "uwserver_msgs/msg/ScalarStamped", ros_port.complete(("sound_speed",), make))
     yield _float64(ros_port, "sound_speed")
-
-
-_NAN = math.nan
 
 
 def range_array(ros_port: RosPort) -> Iterator[SensorTopic]:

@@ -23,6 +23,25 @@ FINEST = 32
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 FLANKS = 2.0
 """Rays fill so many beam widths: at their edge the two-way pattern is 36 dB down."""
+_MARGIN = 2.0
+"""Width of the margins beside the field in which the transmitter fades, in beam widths. The outer beams hear what lies there."""
+_PER_BEAM = 3.0
+"""Columns in a beam's half-power width. The pattern can tell two apart; with three, a point between two columns is 7 % wider."""
+_BOTH_SIDES = 0.995 * math.pi
+_MOST_RAYS = 1 << 18
+_MOST_PAIRS = 1 << 22
+"""Largest number of pairs of a beam and a column: pattern and power then take 16 MB each, and half a second to make."""
+_TOGETHER = 2
+"""All modes of a device together may have so many times more: they then take some 130 MB, and a second to make."""
+_RAY_S, _BEAM_S, _GATE_S = 1.5e-7, 9e-11, 7e-9
+"""Processor time on a common machine, s: of a ray over 100 000 triangles, of a column in a gate of a beam, of a gate of a beam or column."""
+COLUMNS = 4
+"""Columns of each side of `Sides`, over two beam widths: two within the half-power width. Their sum must be a multiple of four (`form_beams`)."""
+_LEVEL = math.tan(rad(2.0))
+"""Slope around which steps change from equal ratios of slopes to equal slopes."""
+_LOWEST, _HIGHEST = rad(89.5), rad(80.0)
+_ABOVE = 4
+"""Ratio of the rows that look down to those that look up."""
 
 
 class Grid(NamedTuple):
@@ -171,29 +190,6 @@ def two_way(angle: FloatArray, width: float) -> FloatArray:
 def _two_way(count: int, size: float, width: float) -> FloatArray:
     """Return the pattern in 2 FINEST steps a cell, for `count` cells of this size (rad)."""
     return two_way((np.arange(2 * FINEST * count + 1) / (2 * FINEST) - 0.5 * count) * size, width)
-
-
-_MARGIN = 2.0
-"""Width of the margins beside the field in which the transmitter fades, in beam widths. The outer beams hear what lies there."""
-_PER_BEAM = 3.0
-"""Columns in a beam's half-power width. The pattern can tell two apart; with three, a point between two columns is 7 % wider."""
-_BOTH_SIDES = 0.995 * math.pi
-_MOST_RAYS = 1 << 18
-_MOST_PAIRS = 1 << 22
-"""Largest number of pairs of a beam and a column: pattern and power then take 16 MB each, and half a second to make."""
-_TOGETHER = 2
-"""All modes of a device together may have so many times more: they then take some 130 MB, and a second to make."""
-
-_RAY_S, _BEAM_S, _GATE_S = 1.5e-7, 9e-11, 7e-9
-"""Processor time on a common machine, s: of a ray over 100 000 triangles, of a column in a gate of a beam, of a gate of a beam or column."""
-
-COLUMNS = 4
-"""Columns of each side of `Sides`, over two beam widths: two within the half-power width. Their sum must be a multiple of four (`form_beams`)."""
-_LEVEL = math.tan(rad(2.0))
-"""Slope around which steps change from equal ratios of slopes to equal slopes."""
-_LOWEST, _HIGHEST = rad(89.5), rad(80.0)
-_ABOVE = 4
-"""Ratio of the rows that look down to those that look up."""
 
 
 def cost(columns: int, rows: int, beams: int, gates: int, heard: int | None = None) -> float:

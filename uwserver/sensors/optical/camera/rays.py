@@ -20,6 +20,16 @@ from uwserver.sensors.optical.camera.faces import CLOSED
 
 _PARTS = 6
 """Parts along each axis. A thing has at most this number to the third power of balls."""
+NOTHING = -1
+THING = np.dtype(
+    [
+        ("R", "f8", (3, 3)),  # attitude of its frame in N
+        ("p", "f8", (3,)),  # origin of its faces about the base of the picture, N, m
+        ("id", "i4"),  # id in pictures of mode segmentation
+        ("row", "i4"),  # row of its body, -1 for a thing that never moves
+    ]
+)
+"""The thing that faces belong to. It is filled in for each picture."""
 
 
 class Balls(NamedTuple):
@@ -70,18 +80,6 @@ def cone_of(direction: FloatArray, origin: FloatArray) -> Cone:
     half = math.acos(max(min(float(direction[:, 0].min()), 1.0), -1.0))
     # 1e-3 covers the rounding of float32. Near the axis it is larger in the angle than in its cosine.
     return Cone(np.array((1.0, 0.0, 0.0)), half + 1e-3, float(np.linalg.norm(origin, axis=1).max()) + 1e-3)
-
-
-NOTHING = -1
-THING = np.dtype(
-    [
-        ("R", "f8", (3, 3)),  # attitude of its frame in N
-        ("p", "f8", (3,)),  # origin of its faces about the base of the picture, N, m
-        ("id", "i4"),  # id in pictures of mode segmentation
-        ("row", "i4"),  # row of its body, -1 for a thing that never moves
-    ]
-)
-"""The thing that faces belong to. It is filled in for each picture."""
 
 
 class PickScene(NamedTuple):
