@@ -86,7 +86,7 @@ class Readers:
         except Exception:  # A fault in what only viewers need must not end the world.
             if not self._is_blind:
                 self._is_blind = True
-                log.exception("where the bodies are cannot be told: viewers see them where they were")
+                log.exception("the poses of the bodies cannot be read: viewers keep the last ones")
             state = self._seen
         self._seen = state
         self._bus.hand_over(partial(on_state, state))
