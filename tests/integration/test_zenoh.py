@@ -301,13 +301,15 @@ def test_router_restart_and_two_servers_in_one_network(tmp_path):
         assert third.returncode == 1
         assert 'another server named "alpha"' in third.stderr
 
-        vanished: list[str] = []
+        alive: set[str] = set()
         peer.liveliness().declare_subscriber(
             "uw/*/@alive",
-            lambda s: vanished.append(str(s.key_expr)) if s.kind == zenoh.SampleKind.DELETE else None,
+            lambda s: (alive.discard if s.kind == zenoh.SampleKind.DELETE else alive.add)(str(s.key_expr)),
+            history=True,
         )
+        until(lambda: alive == {"uw/alpha/@alive", "uw/beta/@alive"}, "the subscription is in place")
         beta.end()
-        until(lambda: vanished == ["uw/beta/@alive"], "beta is seen to vanish")
+        until(lambda: alive == {"uw/alpha/@alive"}, "beta is seen to vanish")
 
         router.close()
         time.sleep(0.3)
