@@ -35,9 +35,7 @@ def note_no_descriptors(error: OSError, refusals: Refusals) -> None:
 
 
 class _Arrival:
-    """A peer between its acceptance and the start of its protocol. During the TLS handshake it counts as a stranger, like others."""
-
-    is_half_open = False
+    """A connection between its acceptance and the start of its protocol, which takes as long as the TLS handshake."""
 
     def __init__(self, listener: TcpListener, stream: socket.socket) -> None:
         self._listener = listener
@@ -46,11 +44,9 @@ class _Arrival:
         self._task = asyncio.get_running_loop().create_task(self._shake_hands())
         self._task.add_done_callback(self._ended)
 
-    def close(self) -> None:
+    def abort(self) -> None:
         """Refuse the peer."""
         self._task.cancel()
-
-    abort = close
 
     async def _shake_hands(self) -> None:
         self._has_begun = True
@@ -141,7 +137,7 @@ class TcpListener:
                 # The peer went away before it was accepted.
                 continue
             stream.setblocking(False)
-            self.peers.enter(_Arrival(self, stream), host_of(address))
+            self.peers.arrive(_Arrival(self, stream), host_of(address))
 
 
 @contextlib.asynccontextmanager

@@ -127,7 +127,7 @@ class Connection(asyncio.Protocol):
         """Called when the connection begins to end. From now on nothing is taken from the peer or sent to it."""
 
     def closed(self) -> None:
-        """Called when the connection has ended."""
+        """Called when the connection has ended, also if it was never `opened`."""
 
     def admit(self) -> bool:
         """Give a place to a peer that has shown that it speaks this protocol. If there is none, tell it so, end the connection and return False."""
@@ -197,7 +197,11 @@ class Connection(asyncio.Protocol):
         if not self.transport.can_write_eof():  # TLS
             self.transport.close()
             return
-        self.transport.write_eof()
+        try:
+            self.transport.write_eof()
+        except OSError:  # the peer has reset the connection, which the loop has not seen yet
+            self.transport.abort()
+            return
         self.transport.resume_reading()  # to see the peer's end; what it sends is thrown away
 
     def abort(self) -> None:
@@ -239,8 +243,12 @@ class Connection(asyncio.Protocol):
         """Begin the connection, or refuse it if there is no place for the peer."""
         self.transport = cast(asyncio.Transport, transport)
         self.transport.set_write_buffer_limits(HIGH_WATER)
-        self.host = host_of(self.transport.get_extra_info("peername"))
+        peer = self.transport.get_extra_info("peername")
+        self.host = host_of(peer)
         self.peers.enter(self, self.host)
+        if peer is None:  # the peer has reset the connection since it was accepted
+            self.abort()
+            return
         if self._first_message_s is None:
             if not self.admit():
                 return

@@ -1,6 +1,7 @@
 """The peers of an adapter and their limits.
 
-Peers that have shown that they speak the protocol are admitted; strangers have places of their own. Peers that ask too often, or for too much, wait.
+Peers that have shown that they speak the protocol are admitted; strangers have places of their own. A connection whose protocol has not begun is no
+peer yet, but takes a stranger's place. Peers that ask too often, or for too much, wait.
 """
 
 from __future__ import annotations
@@ -103,7 +104,14 @@ async def within(seconds: float, what: Awaitable[T], text: str) -> T:
     return task.result()
 
 
-class Peer(Protocol):
+class Arrival(Protocol):
+    """A connection whose protocol has not begun, as in a TLS handshake."""
+
+    def abort(self) -> None:
+        """End the connection at once."""
+
+
+class Peer(Arrival, Protocol):
     """A client of any transport, as far as an adapter counts and ends it.
 
     Attributes:
@@ -114,9 +122,6 @@ class Peer(Protocol):
 
     def close(self) -> None:
         """End the connection once the peer has taken what waits for it."""
-
-    def abort(self) -> None:
-        """End the connection at once."""
 
 
 P = TypeVar("P", bound=Peer)
@@ -143,7 +148,7 @@ def _is_here(host: str) -> bool:
 
 
 class Peers(Generic[P]):
-    """All peers of one adapter.
+    """All peers of one adapter. Its length counts them, and a loop over it meets them: no arrivals.
 
     Strangers never take the place of an admitted peer. When there are too many strangers, the oldest one of the host with the most strangers
     is closed.
@@ -178,27 +183,33 @@ class Peers(Generic[P]):
         self._most_per_host = most if most_per_host is None else most_per_host
         self._most_strangers = strangers
         self._key = key
-        self._admitted: dict[P, str] = {}
-        self._strangers: dict[P, str] = {}
-        self._leaving: dict[P, None] = {}
+        self._peers: dict[Arrival, P] = {}
+        self._admitted: dict[Arrival, str] = {}
+        self._strangers: dict[Arrival, str] = {}
+        self._leaving: dict[Arrival, None] = {}
         self._hosts: Counter[str] = Counter()
         self._all_gone = asyncio.Event()
 
     def __iter__(self) -> Iterator[P]:
-        return iter([*self._admitted, *self._strangers, *self._leaving])
+        return iter([*self._peers.values()])
 
     def __len__(self) -> int:
-        return len(self._admitted) + len(self._strangers) + len(self._leaving)
+        return len(self._peers)
 
-    def enter(self, peer: P, host: str = "") -> None:
-        """Count a new peer as a stranger."""
-        self._strangers[peer] = host
+    def arrive(self, arrival: Arrival, host: str = "") -> None:
+        """Give a connection whose protocol has not begun a stranger's place, until it leaves."""
+        self._strangers[arrival] = host
         if len(self._strangers) > self._most_strangers:
             ((busiest, _),) = Counter(self._strangers.values()).most_common(1)
             text = f"more than {self._most_strangers} peers have said nothing valid yet: the oldest is closed"
             self.refusals.note("strangers", text)
             self._end(next(other for other, its in self._strangers.items() if its == busiest))
         self._count()
+
+    def enter(self, peer: P, host: str = "") -> None:
+        """Count a new peer, as a stranger."""
+        self._peers[peer] = peer
+        self.arrive(peer, host)
 
     def admit(self, peer: P) -> Fault | None:
         """Admit a stranger that has shown that it speaks the protocol. If there is no place, return the fault to send to it.
@@ -210,7 +221,7 @@ class Peers(Generic[P]):
             text = f"{self._most_per_host} clients of your host are connected: close some, or raise max_clients_per_host of the adapter"
             return self._refused(text)
         if len(self._admitted) >= self.most:
-            idle = next((other for other in self._admitted if other.is_half_open), None)
+            idle = next((other for other in self if other in self._admitted and other.is_half_open), None)
             if idle is None:
                 return self._refused(
                     f"{self.most} clients are connected: close some, or raise {self._key} of the adapter"
@@ -222,21 +233,25 @@ class Peers(Generic[P]):
         self._count()
         return None
 
-    def leave(self, peer: P) -> None:
-        """Forget a peer whose connection has ended."""
+    def leave(self, peer: Arrival) -> None:
+        """Forget a peer whose connection has ended, or an arrival."""
+        self._peers.pop(peer, None)
         self._leaving.pop(peer, None)
         self._give_up(peer)
         self._count()
-        if not len(self):
+        if not self._everyone():
             self._all_gone.set()
 
-    def _end(self, peer: P) -> None:
+    def _everyone(self) -> list[Arrival]:
+        return [*self._admitted, *self._strangers, *self._leaving]
+
+    def _end(self, peer: Arrival) -> None:
         """End a peer that makes way. Its place is free at once, although its connection takes a moment to end."""
         self._give_up(peer)
         self._leaving[peer] = None
         peer.abort()
 
-    def _give_up(self, peer: P) -> None:
+    def _give_up(self, peer: Arrival) -> None:
         self._strangers.pop(peer, None)
         host = self._admitted.pop(peer, None)
         if host is not None:
@@ -252,17 +267,20 @@ class Peers(Generic[P]):
 
     async def close(self) -> None:
         """End all connections; return when they have ended."""
+        for arrival in self._everyone():
+            if arrival not in self._peers:
+                arrival.abort()
         for peer in self:
             peer.close()
         try:
-            if len(self):
+            if self._everyone():
                 self._all_gone.clear()
                 with contextlib.suppress(asyncio.TimeoutError):
                     await asyncio.wait_for(self._all_gone.wait(), CLOSING_S)
         finally:
-            for peer in self:
-                peer.abort()
+            for left in self._everyone():
+                left.abort()
         # An aborted transport ends in the next turn of the loop.
-        if len(self):
+        if self._everyone():
             self._all_gone.clear()
             await self._all_gone.wait()

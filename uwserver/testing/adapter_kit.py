@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import socket
+import struct
 import threading
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -227,6 +228,27 @@ class TcpPeer:
         self.writer.transport.abort()
         with contextlib.suppress(OSError):
             await self.writer.wait_closed()
+
+
+def knock(peer: TcpPeer) -> socket.socket:
+    """Begin one more connection to where a peer is connected, and wait for nothing. Closing the socket resets the connection."""
+    stream = socket.socket(peer.writer.get_extra_info("socket").family)
+    stream.setblocking(False)
+    stream.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    stream.connect_ex(peer.writer.get_extra_info("peername"))
+    return stream
+
+
+@contextlib.contextmanager
+def failures_of_callbacks() -> Iterator[list[str]]:
+    """Within the block, collect what the running loop reports of callbacks and tasks that fail, instead of logging it."""
+    loop, failures = asyncio.get_running_loop(), list[str]()
+    before = loop.get_exception_handler()
+    loop.set_exception_handler(lambda _, said: failures.append(f"{said['message']}: {said.get('exception')!r}"))
+    try:
+        yield failures
+    finally:
+        loop.set_exception_handler(before)
 
 
 @contextlib.asynccontextmanager

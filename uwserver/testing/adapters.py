@@ -15,9 +15,12 @@ from uwserver.testing.adapter_kit import (
     Connect,
     DoesNotApply,
     Requests,
+    TcpPeer,
     Traces,
     assert_no_traces,
     cancelled,
+    failures_of_callbacks,
+    knock,
     running,
     send,
     until,
@@ -42,6 +45,7 @@ GARBAGE = (
 PASSED = "passed"
 _TICKS_TO_SLOW_PEER = 30_000
 _TICKS_ONCE_SLOW = 2000
+_STORMS, _AT_ONCE, _TURNS_OF_A_STORM = 5, 12, 20
 
 
 async def check_adapter(
@@ -140,6 +144,28 @@ async def check_flickering_peer(kit: AdapterKit) -> None:
         await until(lambda: adapter.context.stats.peers == 0, "stats.peers does not return to 0 after all peers left")
 
 
+async def check_connection_storm(kit: AdapterKit) -> None:
+    """Check that connections that come and go while samples are delivered cost nobody a sample: also those that are reset at once, as by a scanner or
+    a process that is killed."""
+    async with running(kit) as adapter:
+        peer = await adapter.subscriber()
+        if not isinstance(peer, TcpPeer):
+            raise DoesNotApply("the protocol has no connections of TCP")
+        with failures_of_callbacks() as failures:
+            for _ in range(_STORMS):
+                storm = [knock(peer) for _ in range(_AT_ONCE)]
+                for stream in storm[::2]:
+                    stream.close()
+                for _ in range(_TURNS_OF_A_STORM):
+                    adapter.context.emit()
+                    await asyncio.sleep(0)
+                for stream in storm[1::2]:
+                    stream.close()
+            adapter.assert_alive("a storm of connections")
+            await adapter.subscriber()
+        assert not failures, f"a storm of connections makes callbacks of the loop fail: {failures[0]}"
+
+
 async def check_garbage(kit: AdapterKit) -> None:
     """Check that bytes that are no message neither end the adapter nor keep the next peer out."""
     async with running(kit) as adapter:
@@ -232,6 +258,7 @@ CHECKS: Mapping[str, Callable[[AdapterKit], Awaitable[None]]] = {
         check_cancelled_with_peers,
         check_cancelled_at_once,
         check_flickering_peer,
+        check_connection_storm,
         check_garbage,
         check_half_message,
         check_slow_reader,

@@ -11,14 +11,18 @@ class Loopback(asyncio.Transport):
     What the protocol writes goes to `written` while the peer reads. After `stall` it piles up, and the protocol is told to pause, as with a
     socket.
 
+    Args:
+        protocol: the protocol of the adapter's side.
+        peer: address of the peer; None as of one that has reset the connection already.
+
     Attributes:
         written: what the peer has read since the last `take`.
         eof_written: whether the protocol has ended its side.
         is_lost: whether the connection has ended.
     """
 
-    def __init__(self, protocol: asyncio.Protocol) -> None:
-        super().__init__()
+    def __init__(self, protocol: asyncio.Protocol, peer: tuple[str, int] | None = ("127.0.0.1", 0)) -> None:
+        super().__init__({"peername": peer})
         self.written = bytearray()
         self.eof_written = False
         self._reading = True

@@ -88,8 +88,7 @@ class Server:
         """Find out again which clients get the samples of which port: a client has opened or closed a device, or devices have changed."""
         self._by_port = {}
         for address, device in self.devices.items():
-            # A peer that has just been accepted is no client yet.
-            clients = [client for client in self.peers if address in getattr(client, "opened_devices", ())]
+            clients = [client for client in self.peers if address in client.opened_devices]
             for path in device.ports if clients else ():
                 self._by_port.setdefault(path, []).append((device, clients))
         self.context.subscriptions_changed()

@@ -169,3 +169,24 @@ def test_a_reply_does_not_wait_for_the_acknowledgement_of_the_sample_before_it()
     asyncio.run(scene())
     assert len(delays) == 1
     assert delays[0] != 0
+
+
+def test_who_still_arrives_is_no_peer_yet():
+    """A loop over the peers, such as that which gives each a sample, never meets an object that is none."""
+
+    async def scene() -> None:
+        stats = AdapterStats()
+        peers = peers_of(stats, strangers=3)
+        met: set[type] = set()
+        async with serve_tcp(lambda: Echo(peers, 10.0), peers, "127.0.0.1", 0) as listener:
+            knocking = [socket.create_connection(("127.0.0.1", listener.port)) for _ in range(5)]
+            while len(peers) < 3:
+                met.update(type(peer) for peer in peers)
+                assert stats.peers == len(peers)
+                await asyncio.sleep(0)
+            for stream in knocking:
+                stream.close()
+        assert met <= {Echo}
+        assert not len(peers)
+
+    asyncio.run(asyncio.wait_for(scene(), 120))

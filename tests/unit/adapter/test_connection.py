@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 from collections.abc import Callable, Coroutine
 from typing import Any
 
@@ -99,6 +100,35 @@ def test_lines_come_back():
         assert room.stats.peers == 0
         echo.write(b"nobody")
         assert wire.take() == b""
+
+    within_loop(scene)
+
+
+def test_a_peer_that_is_gone_before_it_is_served_is_never_opened():
+    """The socket of a connection that was reset after it was accepted has no address of a peer any more."""
+
+    async def scene(room: Room) -> None:
+        echo = Echo(room.peers)
+        gone = Loopback(echo, peer=None)
+        assert gone.is_lost
+        await until(lambda: not len(room.peers))
+        assert echo.life == ["closed"]
+
+    within_loop(scene)
+
+
+def test_a_last_text_for_a_peer_that_has_reset_the_connection(monkeypatch: pytest.MonkeyPatch):
+    def refuse(_: Loopback) -> None:
+        raise OSError(errno.ENOTCONN, "Transport endpoint is not connected")
+
+    monkeypatch.setattr(Loopback, "write_eof", refuse)
+
+    async def scene(room: Room) -> None:
+        echo, wire = room.enter()
+        wire.feed(b"bye\n")
+        assert wire.is_lost
+        await until(lambda: not len(room.peers))
+        assert echo.life == ["opened", "stop", "closed"]
 
     within_loop(scene)
 

@@ -92,12 +92,14 @@ class TextConnection(Connection):
         self._users = users
         self._name = name
         self._session: TextSession
+        self._is_open = False
         self._lines: list[str] = []
         self._flushing: asyncio.Handle | None = None
 
     def opened(self) -> None:
         """Begin a session."""
         self._session = TextSession(self._users, self._name, self._send, self.close)
+        self._is_open = True
 
     def refused(self, fault: Fault) -> bytes:
         """Return the line for a user that finds no place, or that said nothing."""
@@ -107,7 +109,8 @@ class TextConnection(Connection):
         """End the session."""
         if self._flushing is not None:
             self._flushing.cancel()
-        self._session.close()
+        if self._is_open:
+            self._session.close()
 
     def receive(self, data: bytes) -> None:
         """Store bytes."""
