@@ -1,4 +1,7 @@
-"""Logging of the server: readable lines, or a JSON object on each line."""
+"""Logging of the server: readable lines, or a JSON object on each line.
+
+A text may hold what a stranger has sent. So whatever it holds, a record is one line and sends nothing to a terminal: see `on_one_line`.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ import os
 import sys
 import traceback
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 if TYPE_CHECKING:
     _Stream = logging.StreamHandler[TextIO]
@@ -23,6 +26,35 @@ VARIED = 10
 CAUSES = 256
 """Causes that are remembered. If there are more, the oldest is forgotten."""
 _CAUSE_LENGTH = 200
+
+_CONTROLS = (*range(0x20), *range(0x7F, 0xA0))
+_SEPARATORS_AND_DIRECTIONS = (0x061C, 0x200E, 0x200F, *range(0x2028, 0x202F), *range(0x2066, 0x206A))
+_AS_TEXT = {
+    **{code: f"\\x{code:02x}" for code in _CONTROLS},
+    **{code: f"\\u{code:04x}" for code in _SEPARATORS_AND_DIRECTIONS},
+    **str.maketrans({"\t": "\\t", "\n": "\\n", "\r": "\\r"}),
+}
+# JSON itself escapes the controls below 0x20.
+_AS_JSON = {code: f"\\u{code:04x}" for code in (*_CONTROLS[0x20:], *_SEPARATORS_AND_DIRECTIONS)}
+
+
+def on_one_line(text: str) -> str:
+    """Return a text with an escape sequence, such as ``\\x1b``, for each character that could begin a new line, hide or reorder others, or command
+    a terminal: controls (C0, DEL, C1), separators of lines, and marks of direction."""
+    return text.translate(_AS_TEXT)
+
+
+class LineFormatter(logging.Formatter):
+    """Writes a record as one line. The lines of a traceback follow it, indented, so that none of them looks like a record."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:
+        """Return the line of a record."""
+        record.message = on_one_line(record.message)
+        return super().formatMessage(record)
+
+    def formatException(self, ei: Any) -> str:
+        """Return the lines of a traceback."""
+        return "\n".join(f"  {on_one_line(line)}" for line in super().formatException(ei).split("\n"))
 
 
 class JsonFormatter(logging.Formatter):
@@ -38,7 +70,7 @@ class JsonFormatter(logging.Formatter):
         }
         if record.exc_info:
             entry["exception"] = self.formatException(record.exc_info)
-        return json.dumps(entry, ensure_ascii=False)
+        return json.dumps(entry, ensure_ascii=False).translate(_AS_JSON)
 
 
 @dataclass
@@ -125,7 +157,7 @@ class SparingLog(_Stream):
             super().emit(logging.LogRecord(last.name, last.levelno, last.pathname, last.lineno, text, args, None))
 
 
-class TerminalFormatter(logging.Formatter):
+class TerminalFormatter(LineFormatter):
     """Writes lines for a person: time of day, level if it is not that of information, and text.
 
     Lines have a colour, unless NO_COLOR is set, to tell them from other output.
@@ -137,7 +169,7 @@ class TerminalFormatter(logging.Formatter):
         if os.environ.get("NO_COLOR"):
             begin = end = ""
         level = f"{record.levelname.lower()}: " if record.levelno != logging.INFO else ""
-        line = f"{begin}{self.formatTime(record, '%H:%M:%S')} {level}{record.getMessage()}{end}"
+        line = f"{begin}{self.formatTime(record, '%H:%M:%S')} {level}{on_one_line(record.getMessage())}{end}"
         return f"{line}\n{self.formatException(record.exc_info)}" if record.exc_info else line
 
 
@@ -152,7 +184,7 @@ def set_up_logging(level: str, as_json: bool) -> None:
     elif sys.stderr.isatty():
         output.setFormatter(TerminalFormatter())
     else:
-        output.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+        output.setFormatter(LineFormatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
     logging.basicConfig(level=level.upper(), handlers=[output], force=True)
     # At level debug numba writes lines for every byte-code.
     logging.getLogger("numba").setLevel(logging.WARNING)

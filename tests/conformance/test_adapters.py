@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import asyncio
 import importlib
+import io
 import json
+import logging
 import os
+import re
 import socket
 import struct
 import sys
@@ -29,9 +32,10 @@ from uwserver_adapters.yarp import wire as yarp
 from websockets.frames import Frame, Opcode
 
 from uwserver.adapter import AdapterNotFound, AdapterStats, adapter_entries, installed_adapters, load_adapter
+from uwserver.logs import LineFormatter
 from uwserver.ports import Argument, Field, Layout, Port, Service
 from uwserver.testing import FakeContext, Requests, TcpPeer, check_adapter
-from uwserver.testing.adapter_kit import AdapterKit, Connect
+from uwserver.testing.adapter_kit import AdapterKit, Connect, running, send
 from uwserver.testing.adapters import CHECKS, PASSED
 from uwserver.testing.fake_context import PORTS, SERVICES
 
@@ -801,3 +805,50 @@ def test_adapters_that_cannot_be_loaded_name_their_distribution(site: Site) -> N
         load_adapter("spy")
     with pytest.raises(AdapterNotFound, match="no adapter"):
         load_adapter("spi")
+
+
+HOSTILE = b"\x1b[2J\x07\x7f"
+"""Clears a terminal, and rings."""
+
+
+def _hostile_words(kind: str) -> Iterator[bytes]:
+    """What a peer of this kind says, each time with one word that commands a terminal."""
+    _, connect, greeting = KITS[kind]
+    if connect in (_web_page, _rosbridge_client, _foxglove_client):
+        for name in (b"Host", b"Origin", b"Sec-Fetch-Site", b"Authorization"):
+            yield b"GET /live HTTP/1.1\r\n%s: x%sy\r\n\r\n" % (name, HOSTILE)
+    requests = REQUESTS[kind]
+    for said in (greeting, requests.call, requests.misspelt):
+        for word in list(re.finditer(rb"[A-Za-z/_]{3,}", said))[:4]:
+            middle = (word.start() + word.end()) // 2
+            yield said[:middle] + HOSTILE + said[middle:]
+
+
+@pytest.mark.parametrize(
+    "kind", sorted(kind for kind, (_, connect, _) in KITS.items() if connect is not UdpPeer.connect)
+)
+def test_no_stranger_commands_the_terminal_of_the_log(kind: str) -> None:
+    """The formatter is the same for all; here each adapter's own texts go through it."""
+    if kind in ("ros2", "zenoh"):
+        _warm_zenoh()
+    table, connect, _ = KITS[kind]
+    adapter = load_adapter(kind)
+    kit = AdapterKit(adapter, adapter.Config(**table), connect, b"", CONTEXTS.get(kind, FakeContext), REQUESTS[kind])
+    written = io.StringIO()
+    output = logging.StreamHandler(written)
+    output.setFormatter(LineFormatter("%(message)s"))
+
+    async def scene() -> None:
+        async with running(kit) as adapter:
+            for said in _hostile_words(kind):
+                peer = await adapter.connect()
+                await send(peer, said)
+                await asyncio.sleep(0.02)
+                await peer.close()
+
+    logging.getLogger().addHandler(output)
+    try:
+        run(scene)
+    finally:
+        logging.getLogger().removeHandler(output)
+    assert all(line.isprintable() for line in written.getvalue().splitlines())

@@ -59,6 +59,38 @@ def test_a_traceback_stays_in_its_line(logger, capsys):
     assert entry["exception"].endswith("ValueError: broken")
 
 
+FORGED = "\x1b[2J\x07\x9b31m\u202e\r\n2026-01-01 00:00:00,000 INFO uwserver.server: all is well\u2028\x7f"
+"""What a stranger may send: commands of a terminal, and a line that looks like one of ours."""
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_no_text_forges_a_line_or_commands_a_terminal(logger, capsys, monkeypatch, terminal):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
+    monkeypatch.setenv("NO_COLOR", "1")
+    set_up_logging("info", as_json=False)
+    logger.warning("unknown operation %s", FORGED)
+    try:
+        raise ValueError(FORGED)
+    except ValueError:
+        logger.exception("failed at %s", FORGED)
+    written = capsys.readouterr().err
+    assert not [c for c in written if c != "\n" and not c.isprintable()]
+    first, second, *traceback = written.splitlines()
+    assert "\\x1b[2J\\x07\\x9b31m\\u202e\\r\\n2026" in first
+    assert first.endswith("all is well\\u2028\\x7f")
+    assert second.endswith("all is well\\u2028\\x7f")
+    assert [line for line in traceback if "all is well" in line]
+    assert all(line.startswith("  ") for line in traceback), "each line that is no record is indented"
+
+
+def test_json_stays_one_line_and_says_what_was_sent(logger, capsys):
+    set_up_logging("info", as_json=True)
+    logger.warning("unknown operation %s", FORGED)
+    written = capsys.readouterr().err
+    assert not [c for c in written if c != "\n" and not c.isprintable()]
+    assert json.loads(written)["text"] == f"unknown operation {FORGED}"
+
+
 @pytest.mark.parametrize(("level", "seen"), [("debug", 3), ("info", 2), ("warning", 1)])
 def test_the_level_is_kept(logger, capsys, level, seen):
     set_up_logging(level, as_json=False)
