@@ -440,8 +440,8 @@ class Tcpros(Target):
         try:
             for piece in pieces:
                 requests.receive(piece)
-                while (call := requests.next_call()) is not None:
-                    found.append(repr(call))
+                while (call := requests.next_call()) is not None or requests.is_parsing:
+                    found += [] if call is None else [repr(call)]
         except xmlrpc.BadHttp as bad:
             found.append(bad.status)
         return found

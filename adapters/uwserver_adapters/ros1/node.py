@@ -68,24 +68,15 @@ async def _asked(host: str, port: int, path: str, method: str, args: Sequence[An
     reader, writer = await asyncio.open_connection(host, port)
     try:
         writer.write(xmlrpc.request(f"{host}:{port}", path, method, args))
-        answered = b""
-        while piece := await reader.read(1 << 16):
-            answered += piece
-            if len(answered) > xmlrpc.BODY_LIMIT or _is_whole(answered):
-                break
-        return xmlrpc.result(answered)
+        answer = xmlrpc.Answer()
+        while not answer.is_whole and (piece := await reader.read(1 << 16)):
+            answer.receive(piece)
+        body = answer.body()
+        while body.parse_slice():
+            await asyncio.sleep(0)  # let others have their turn
+        return xmlrpc.result(body)
     finally:
         writer.transport.abort()
-
-
-def _is_whole(answered: bytes) -> bool:
-    """Return whether the body has the announced length: not every node closes the connection after its answer."""
-    head, end, body = answered.partition(b"\r\n\r\n")
-    for line in head.lower().split(b"\r\n"):
-        name, _, value = line.partition(b":")
-        if name == b"content-length" and end and value.strip().isdigit():
-            return len(body) >= int(value)
-    return False
 
 
 class Subscription:

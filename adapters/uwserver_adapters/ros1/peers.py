@@ -14,6 +14,8 @@ from uwserver_adapters.ros1.node import Node, short_name
 
 CALLS_PER_S = 1000
 """Most calls of one caller of the API in a second."""
+BYTES_A_CALL = 512
+"""A longer call counts as several: parsing it takes as long."""
 
 
 class Caller(Connection):
@@ -43,16 +45,18 @@ class Caller(Connection):
         self._requests.receive(data)
 
     def step(self) -> bool:
-        """Answer the next call."""
+        """Parse a slice of the next call, and answer it when that was the last one."""
         try:
             call = self._requests.next_call()
         except xmlrpc.BadHttp as bad:
             self.peers.refusals.note("http", bad.fault.text)
             self.farewell(xmlrpc.http_answer(bad.status, bad.fault.text.encode()))
             return False
-        if call is None or not self.admit():
+        if call is None:
+            return self._requests.is_parsing
+        if not self.admit():
             return False
-        self._rate.take(self.loop.time())
+        self._rate.take(self.loop.time(), 1 + self._requests.size // BYTES_A_CALL)
         self.write(xmlrpc.told(*self._node.carry_out(call)))
         return True
 

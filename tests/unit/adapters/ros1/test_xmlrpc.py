@@ -3,7 +3,19 @@
 import xmlrpc.client
 
 import pytest
-from uwserver_adapters.ros1.xmlrpc import BadHttp, Call, Requests, request, result, told
+from uwserver_adapters.ros1.xmlrpc import (
+    BODY_LIMIT,
+    NESTED,
+    SLICE,
+    TAGS,
+    Answer,
+    BadHttp,
+    Call,
+    Requests,
+    request,
+    result,
+    told,
+)
 
 from uwserver.ports import Refused
 
@@ -15,9 +27,21 @@ def take(data: bytes, size: int | None = None) -> Call | None:
     for at in range(0, len(data), size or len(data)):
         requests.receive(data[at : at + (size or len(data))])
         call = requests.next_call()
+        while call is None and requests.is_parsing:
+            call = requests.next_call()
         if call is not None:
             return call
     return None
+
+
+def read_back(answered: bytes, size: int | None = None) -> object:
+    answer = Answer()
+    for at in range(0, len(answered), size or len(answered) or 1):
+        answer.receive(answered[at : at + (size or len(answered))])
+    body = answer.body()
+    while body.parse_slice():
+        pass
+    return result(body)
 
 
 @pytest.mark.parametrize("size", [None, 1, 7, 100])
@@ -76,13 +100,14 @@ def test_a_host_of_ours() -> None:
     assert take(changed(b"Host: 127.0.0.1:5000", b"Host: localhost")) is not None
 
 
-def test_answers_are_read_back() -> None:
-    assert result(told(1, "ready", ["TCPROS", "127.0.0.1", 5])) == ["TCPROS", "127.0.0.1", 5]
+@pytest.mark.parametrize("size", [None, 1, 7])
+def test_answers_are_read_back(size: int | None) -> None:
+    assert read_back(told(1, "ready", ["TCPROS", "127.0.0.1", 5]), size) == ["TCPROS", "127.0.0.1", 5]
     with pytest.raises(Refused, match="no such topic"):
-        result(told(-1, "no such topic", 0))
+        read_back(told(-1, "no such topic", 0), size)
     fault = xmlrpc.client.dumps(xmlrpc.client.Fault(3, "it failed"), methodresponse=True).encode()
     with pytest.raises(Refused, match="it failed"):
-        result(b"HTTP/1.1 200 OK\r\n\r\n" + fault)
+        read_back(b"HTTP/1.1 200 OK\r\n\r\n" + fault, size)
 
 
 @pytest.mark.parametrize(
@@ -91,4 +116,55 @@ def test_answers_are_read_back() -> None:
 )
 def test_no_answer(answered: bytes) -> None:
     with pytest.raises(Refused):
-        result(answered)
+        read_back(answered)
+
+
+def test_an_answer_is_whole_when_its_announced_length_has_come() -> None:
+    answer, answered = Answer(), told(1, "", [5])
+    answer.receive(answered[:-1])
+    assert not answer.is_whole
+    answer.receive(answered[-1:])
+    assert answer.is_whole
+
+
+@pytest.mark.parametrize(
+    "data", [b"x" * (BODY_LIMIT << 1), b"HTTP/1.1 200 OK\r\nContent-Length: %d\r\n\r\n" % (BODY_LIMIT + 1)]
+)
+def test_an_answer_too_long_is_not_stored(data: bytes) -> None:
+    with pytest.raises(Refused, match="longer"):
+        Answer().receive(data)
+
+
+def test_a_long_call_is_parsed_slice_by_slice() -> None:
+    """So the loop does other work in between."""
+    uris = [f"http://node{number}:40000/" for number in range(500)]
+    requests, steps = Requests(), 0
+    requests.receive(request("localhost", "/", "publisherUpdate", ["/master", "/rov/imu", uris]))
+    while (call := requests.next_call()) is None:
+        assert requests.is_parsing
+        steps += 1
+    assert call == Call("publisherUpdate", ("/master", "/rov/imu", uris))
+    assert steps == requests.size // SLICE
+    assert not requests.is_parsing
+
+
+_ARRAY = (b"<value><array><data>", b"</data></array></value>")
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (b"<a/>" * TAGS, "tags"),
+        (_ARRAY[0] * (NESTED + 1) + _ARRAY[1] * (NESTED + 1), "arrays"),
+        (b"<value a='1' b='2'>5</value>", "attributes"),
+        (b"<value\na = '1'/>", "attributes"),
+    ],
+)
+def test_what_costs_much_is_refused_before_it_is_built(value: bytes, said: str) -> None:
+    body = b"<?xml version='1.0'?><methodCall><methodName>x</methodName><params><param>%s</param></params></methodCall>"
+    with pytest.raises(BadHttp, match=said):
+        take(with_body(body % value))
+    inner = b"<value>5</value>"
+    for _ in range(NESTED):
+        inner = inner.join(_ARRAY)
+    assert take(with_body(body % inner)) is not None
