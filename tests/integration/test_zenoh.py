@@ -28,6 +28,7 @@ from zenoh_network import (
     ask,
     ended,
     free_endpoint,
+    malformed_key,
     serving,
     session,
     tokens,
@@ -413,3 +414,39 @@ def _describes(server: Server) -> bool:
     with server.tcp_client() as client:
         bus = client.status()["adapters"]["bus"]
     return bus["state"] == "running" and bus["address"].startswith("tcp/127.0.0.1:")
+
+
+def test_a_session_that_a_peer_breaks_is_opened_again(tmp_path):
+    """A malformed key makes the library panic for whoever declares one next; from then on it would answer nobody, and look alive."""
+    endpoint = free_endpoint()
+    with serving(tmp_path, ROV + TCP + BUS + f'listen = ["{endpoint}"]\n') as server, server.tcp_client() as watcher:
+
+        def restarts() -> int:
+            return int(watcher.call("world/status")["adapters"]["bus"]["restarts"])
+
+        with server.client() as client:
+            client.subscribe("rov/imu")
+            client.read("rov/imu")
+            with malformed_key(endpoint):
+                until(lambda: restarts() == 1, "the adapter is started again")
+            until(lambda: watcher.call("world/status")["adapters"]["bus"]["state"] == "running", "it runs")
+            with session(endpoint, mode="client") as late:
+                until(lambda: tokens(late, "uw/*/@alive"), "a new session is answered")
+            client.read("rov/imu")  # who was there before has come back
+
+
+def test_ros2_over_zenoh_is_opened_again_too(tmp_path):
+    endpoint = free_endpoint()
+    ros = f'[adapters.ros]\nkind = "ros2"\nlisten = ["{endpoint}"]\n'
+    with serving(tmp_path, ROV + TCP + ros) as server, server.tcp_client() as watcher:
+
+        def status() -> dict[str, object]:
+            return watcher.call("world/status")["adapters"]["ros"]
+
+        with session(endpoint, mode="client") as early:
+            until(lambda: tokens(early, "@ros2_lv/**"), "the node is there")
+            with malformed_key(endpoint):
+                until(lambda: status()["restarts"] == 1, "the adapter is started again")
+            until(lambda: status()["state"] == "running", "it runs")
+            until(lambda: tokens(early, "@ros2_lv/**"), "who was there before finds the node again")
+            assert "broken" in str(status()["last_error"])

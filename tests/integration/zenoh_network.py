@@ -7,6 +7,7 @@ import json
 import re
 import socket
 import subprocess
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -96,6 +97,40 @@ def session(connect: str | None = None, listen: str | None = None, mode: str = "
         yield opened
     finally:
         opened.close()
+
+
+@contextlib.contextmanager
+def malformed_key(endpoint: str) -> Iterator[None]:
+    """Be a peer that has declared the key ``x\\0**``, which is no key expression. No library sends one, so a byte is changed on the way.
+
+    The text ``/**`` behind the declared prefix ``x`` goes out in a frame of its own.
+    """
+    host, _, port = endpoint.removeprefix("tcp/").partition(":")
+    with socket.socket() as listener, socket.create_connection((host, int(port))) as server:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+
+        def forward(source: socket.socket, target: socket.socket) -> None:
+            with contextlib.suppress(OSError):
+                while data := source.recv(1 << 16):
+                    target.sendall(data.replace(b"\x03/**", b"\x03\0**"))
+
+        def relay() -> None:
+            peer, _ = listener.accept()
+            with peer:
+                back = threading.Thread(target=forward, args=(server, peer), daemon=True)
+                back.start()
+                forward(peer, server)
+                server.shutdown(socket.SHUT_RDWR)
+                back.join()
+
+        relaying = threading.Thread(target=relay, daemon=True)
+        relaying.start()
+        own = f"tcp/127.0.0.1:{listener.getsockname()[1]}"
+        with contextlib.suppress(zenoh.ZError), session(own, mode="client") as peer:  # it cannot close in order
+            peer.declare_subscriber("x/**", lambda _: None)
+            yield
+        relaying.join(PATIENCE_S)
 
 
 def until(condition: Callable[[], Any], what: str) -> Any:

@@ -315,7 +315,11 @@ def call_safely(call: Callable[[], None]) -> None:
     """Call a receiver. Its errors are logged and go no further."""
     try:
         call()
-    except Exception:  # A fault of one receiver must not reach the others.
+    except (KeyboardInterrupt, SystemExit):
+        raise
+    except (
+        BaseException
+    ):  # A fault of one receiver must not reach the others. The panic of a library in Rust is no Exception.
         log.exception("a receiver of samples, events or replies failed; it misses what it was given now")
 
 

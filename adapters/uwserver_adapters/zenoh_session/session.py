@@ -1,4 +1,4 @@
-"""Opening a zenoh session, callbacks of zenoh's threads, and sending large payloads."""
+"""Opening a zenoh session, watching it, callbacks of zenoh's threads, and sending large payloads."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import AsyncIterator, Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, TypeVar
 
-from uwserver.adapter import AdapterContext, AdapterStats, CannotServe, Worker
+from uwserver.adapter import AdapterContext, AdapterStats, CannotServe, Worker, within
 from uwserver_adapters.zenoh_session.config import ZenohConfig, endpoints, is_exposed, settings
 
 if TYPE_CHECKING:
@@ -25,6 +26,16 @@ REFUSED_PEERS = "error,zenoh_link_tls=warn,zenoh_link_quic=warn"
 """What zenoh logs (on stdout, as always) where certificates decide who may connect; RUST_LOG overrides it."""
 
 
+WATCH_S = 2.0
+"""Wall time between two checks of a session."""
+ANSWER_S = 2.0
+"""Wall time in which a session must pass its check, and in which it must close."""
+
+
+class SessionBroken(Exception):
+    """The session no longer works, by a fault of the library; its adapter must be started again."""
+
+
 class NobodyThere(Exception):
     """The session needs a connection, and nobody answers yet."""
 
@@ -35,7 +46,7 @@ async def open_session(
 ) -> AsyncIterator[tuple[zenoh.Session, Worker]]:
     """Open a session, and a thread for what may block; close both at the end.
 
-    While nobody answers, it is tried again.
+    While nobody answers, it is tried again. The session is checked now and then: a peer may break it for everybody (see `watch`).
 
     Args:
         config: the session's settings.
@@ -44,6 +55,7 @@ async def open_session(
 
     Raises:
         CannotServe: zenoh is not installed, a setting is wrong, or an endpoint cannot be had.
+        SessionBroken: the session has failed its check.
     """
     stats = context.stats
     sender = Worker(thread, stats)
@@ -64,11 +76,83 @@ async def open_session(
                 "%s listens at %s, which others can reach, unrestricted: set access_control or TLS in `config`, or listen on loopback",
                 context.name, stats.address,
             )  # fmt: skip
-        yield held[0], sender
+        async with _watched(held[0], context):
+            yield held[0], sender
     finally:
-        await sender.close(lambda: [session.close() for session in held])
+        await _closed(sender, held, context)
         stats.state = "stopped"
         stats.peers = 0
+
+
+async def _closed(sender: Worker, sessions: list[zenoh.Session], context: AdapterContext) -> None:
+    """Close the sessions. One that is broken fails to close, and frees its endpoints nevertheless."""
+    try:
+        await within(ANSWER_S, sender.close(lambda: [session.close() for session in sessions]), "zenoh did not close")
+    except BaseException as error:
+        if not (isinstance(error, OSError) or _is_panic(error)):
+            raise
+        log.warning("%s: the session of zenoh did not close in order: %s", context.name, error)
+
+
+@contextlib.asynccontextmanager
+async def _watched(session: zenoh.Session, context: AdapterContext) -> AsyncIterator[None]:
+    """Watch a session while the block runs, and break the block off when it is broken."""
+    owner = asyncio.current_task()
+    assert owner is not None
+    watching = asyncio.get_running_loop().create_task(watch(session, f"{context.name} watch"))
+    watching.add_done_callback(lambda task: None if task.cancelled() else owner.cancel())
+    try:
+        yield
+    except asyncio.CancelledError:
+        if watching.done() and not watching.cancelled():
+            raise watching.exception() or SessionBroken() from None
+        raise
+    except BaseException as error:
+        if _is_panic(error):  # it is no Exception, so nobody else would take it for a fault of the adapter
+            raise SessionBroken(_broken(error)) from None
+        raise
+    finally:
+        watching.cancel()
+
+
+async def watch(session: zenoh.Session, thread: str) -> None:
+    """Check a session every `WATCH_S`, until it fails.
+
+    zenoh 1.10.2 takes a key from a peer unchecked. One that is malformed makes the library panic when somebody declares a key next, and from then on
+    it holds a lock that nothing can take any more: the session looks alive, and answers nobody. So declaring a key is the check.
+
+    Args:
+        session: the session.
+        thread: name of the thread that checks, as a broken session may hold it for ever.
+
+    Raises:
+        SessionBroken: the session has failed the check.
+    """
+    key = f"uwserver/@watch/{session.zid()}"
+
+    def declare() -> None:
+        session.declare_subscriber(key, lambda _: None).undeclare()
+
+    pool = ThreadPoolExecutor(1, thread)
+    try:
+        while True:
+            await asyncio.sleep(WATCH_S)
+            check = asyncio.get_running_loop().run_in_executor(pool, declare)
+            await asyncio.wait([check], timeout=ANSWER_S)
+            error = check.exception() if check.done() else TimeoutError(f"no key is declared in {ANSWER_S:g} s")
+            if error is not None:
+                raise SessionBroken(_broken(error))
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _is_panic(error: BaseException) -> bool:
+    """Tell whether a library in Rust has panicked. pyo3 raises an error for it whose class cannot be imported."""
+    return type(error).__name__ == "PanicException"
+
+
+def _broken(error: BaseException) -> str:
+    return f"the session of zenoh is broken and is opened again ({str(error)[:200]})"
 
 
 def opened(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Session:

@@ -654,3 +654,34 @@ def test_ports_that_readers_have_not_heard_of_are_wanted() -> None:
     assert "b" not in subscriptions
     assert "new" in subscriptions
     assert (subscriptions.jumps, subscriptions.decimations) == (0, EVERY_SAMPLE)
+
+
+def test_a_panic_of_a_library_in_a_sink_costs_others_nothing(caplog):
+    """pyo3 raises a panic in Rust as an error that is no Exception."""
+
+    class Panic(BaseException):
+        pass
+
+    class Sink:
+        subscriptions = None
+
+        def __init__(self, fails: bool) -> None:
+            self.fails, self.count = fails, 0
+
+        def put_samples(self, samples):
+            self.count += len(samples)
+            if self.fails:
+                raise Panic("poisoned lock")
+
+        def put_event(self, event):
+            pass
+
+    bus = Bus(lambda _: None, MockTime())
+    broken, sound = Sink(True), Sink(False)
+    bus.attach(broken)
+    bus.attach(sound)
+    for number in range(1, 4):
+        bus.publish(tick(number))
+    bus.drain()
+    assert (broken.count, sound.count) == (3, 3)
+    assert "poisoned lock" in caplog.text
