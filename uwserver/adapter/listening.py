@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import errno
 import ipaddress
+import re
 import socket
 from collections.abc import Iterator, Sequence
 from typing import Literal
@@ -43,9 +44,13 @@ def host_here(bind: str) -> str:
     return {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(bind, bind)
 
 
+_HOST = re.compile(r"(?:\[([^\[\]/@\s]+)\]|([^:\[\]/@\s]+))(?::[0-9]*)?")
+
+
 def host_name(host: str) -> str:
-    """Return the name or address in an HTTP ``Host``, without the port."""
-    return host[1:].partition("]")[0] if host.startswith("[") else host.partition(":")[0]
+    """Return the name or address in an HTTP ``Host``, without the port; "" if it is none, such as ``127.0.0.1:80@evil.example``."""
+    found = _HOST.fullmatch(host)
+    return "" if found is None else found[1] or found[2]
 
 
 def is_host_known(host: str, names: Sequence[str] = ()) -> bool:

@@ -281,6 +281,17 @@ def _cancel(session: Session, request: Request) -> object:
 
 
 def _ping(session: Session, request: Request) -> object:
+    encoding = session.codec.encoding
+    try:
+        encoding.encode(request.params)
+    except (
+        TypeError,
+        ValueError,
+        OverflowError,
+    ) as error:  # such as an integer above 2^64 in a JSON text where answers are msgpack
+        raise Refused(
+            "bad_argument", f"this has no {encoding.name} encoding, in which it would be sent back ({error})"
+        ) from None
     return request.params
 
 

@@ -159,6 +159,21 @@ def test_a_host_that_a_client_may_call(serving: Serving, host: str) -> None:
     play(serving, scene, allowed_hosts=("sim.example",))
 
 
+def test_a_number_that_the_encoding_of_answers_does_not_have_is_refused(serving: Serving) -> None:
+    """A client whose first message was msgpack may send JSON too, which has integers of any size; it is answered in msgpack."""
+
+    async def scene(context: Any, url: str) -> None:
+        async with connect(url) as client:
+            await client.send(msgpack.packb({"id": 1, "method": "ping", "params": 2**64 - 1}))
+            assert msgpack.unpackb(await client.recv())["result"] == 2**64 - 1
+            await client.send(f'{{"id": 2, "method": "ping", "params": {2**64}}}')
+            answer = msgpack.unpackb(await client.recv())
+            assert answer["error"]["data"]["code"] == "bad_argument"
+            assert "no msgpack encoding" in answer["error"]["message"]
+
+    play(serving, scene)
+
+
 @pytest.mark.parametrize("origin", [None, "null"])
 def test_names_that_were_made_to_point_here_are_refused(serving: Serving, origin: Any) -> None:
     async def scene(context: Any, url: str) -> None:

@@ -104,7 +104,8 @@ def test_pages_that_may_frame_the_view_are_named() -> None:
 @pytest.mark.parametrize(
     ("host", "status"),
     [("127.0.0.1:7680", 200), ("localhost", 200), ("[::1]:9", 200), ("sim.example:80", 200), ("SIM.example", 200),
-     ("evil.example", 421), ("127.0.0.1.evil.example", 421), ("", 421)],
+     ("evil.example", 421), ("127.0.0.1.evil.example", 421), ("", 421), ("127.0.0.1:7680@evil.example", 421),
+     ("[::1]evil.example", 421), ("127.0.0.1:7680:evil.example", 421)],
 )  # fmt: skip
 @pytest.mark.parametrize("path", ["/", "/world.json", "/health"])
 def test_names_that_were_made_to_point_here_get_nothing(host: str, status: int, path: str) -> None:
