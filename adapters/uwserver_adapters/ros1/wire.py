@@ -75,8 +75,11 @@ def fields_of(body: bytes) -> dict[str, str]:
         Refused: it is no header, or has too many fields.
     """
     fields: dict[str, str] = {}
-    at = 0
+    at = count = 0
     while at < len(body):
+        count += 1
+        if count > FIELDS:
+            raise Refused("too_large", f"a header has at most {FIELDS} fields")
         if len(body) - at < 4:
             raise Refused("parse_error", "a header ends within the length of a field")
         (length,) = _U32.unpack_from(body, at)
@@ -87,8 +90,6 @@ def fields_of(body: bytes) -> dict[str, str]:
         if not sign:
             raise Refused("parse_error", "a field of a header is key=value")
         fields[key.decode("utf-8", "replace")] = value.decode("utf-8", "replace")
-        if len(fields) > FIELDS:
-            raise Refused("too_large", f"a header has at most {FIELDS} fields")
         at += length
     return fields
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import re
 import struct
 from collections.abc import Mapping
@@ -17,7 +18,7 @@ import numpy as np
 
 from uwserver.physics.geometry.shapes import HULL_POINTS, TILE_TRIANGLES, BadSolid, ConvexHull, TriangleMesh, has_area
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
-from uwserver.scenario.files.documents import read_whole
+from uwserver.scenario.files.documents import opened, read_whole
 from uwserver.scenario.solids.memory import check_memory
 
 FORMATS = (".glb", ".gltf", ".obj", ".stl", ".ply")
@@ -34,6 +35,9 @@ MOST_BYTES = 500_000_000
 _MOST_VERTICES = 3 * MOST_TRIANGLES
 _PLY_HEADER_BYTES = 65_536
 _STL_HEADER, _STL_TRIANGLE = 84, 50
+_STL_HEAD = 4096
+"""Bytes of an STL that tell which kind it is."""
+_END_OF_FACET = re.compile(rb"endfacet", re.IGNORECASE)
 _ELEMENT = re.compile(rb"^[ \t]*element[ \t]+(\w+)[ \t]+(\S+)", re.MULTILINE)
 
 
@@ -124,6 +128,9 @@ def _read(path: Path) -> Any:
     if path.suffix.lower() not in FORMATS:
         raise BadSolid(f'"{path.name}" has an unknown file type: use {", ".join(FORMATS)}')
     try:
+        if path.suffix.lower() == ".stl":
+            with opened(path) as file:  # before it is read: a sparse file of this size costs nobody anything
+                _is_stl_text(path, file.read(_STL_HEAD), os.fstat(file.fileno()).st_size)
         data = checked(path, read_whole(path, MOST_BYTES))
     except OSError as error:
         raise BadSolid(f'cannot read "{path}": {error.strerror}') from error
@@ -209,8 +216,11 @@ class SiblingFiles:
         """
         if not name or Path(name).name != name:
             raise BadSolid(f'"{self._path.name}" names "{name[:80]}", which is not in its own folder: move it there')
+        file = self._path.parent / name
+        if file.resolve().parent != self._path.parent.resolve():
+            raise BadSolid(f'"{self._path.name}" names "{name}", a link to another folder: put the file itself there')
         try:
-            data = read_whole(self._path.parent / name, self._left)
+            data = read_whole(file, self._left)
         except OSError as error:
             raise BadSolid(f'cannot read "{name}", which "{self._path.name}" names: {error.strerror}') from error
         self._left -= len(data)
@@ -220,18 +230,29 @@ class SiblingFiles:
 
 
 def _stl(path: Path, data: bytes) -> bytes:
-    count = int.from_bytes(data[_STL_HEADER - 4 : _STL_HEADER], "little") if len(data) >= _STL_HEADER else -1
-    if len(data) == _STL_HEADER + _STL_TRIANGLE * count:
-        _check_count(path, "triangles", count, MOST_TRIANGLES)
+    if not _is_stl_text(path, data[:_STL_HEAD], len(data)):
         return data
-    if data[:1000].lstrip()[:5].lower() == b"solid" and b"facet" in data[:4096].lower():
-        _check_count(path, "triangles", data.lower().count(b"endfacet"), MOST_TRIANGLES)
-        # The parser would guess the encoding of a name that is not ASCII.
-        return data.decode("ascii", "replace").encode()
+    _check_count(path, "triangles", sum(1 for _ in _END_OF_FACET.finditer(data)), MOST_TRIANGLES)
+    # The parser would guess the encoding of a name that is not ASCII.
+    return data.decode("ascii", "replace").encode()
+
+
+def _is_stl_text(path: Path, head: bytes, size: int) -> bool:
+    """Return whether an STL is text, from its first bytes and its size, bytes.
+
+    Raises:
+        BadSolid: it is neither text, nor binary with as many triangles as its header says.
+    """
+    count = int.from_bytes(head[_STL_HEADER - 4 : _STL_HEADER], "little") if len(head) >= _STL_HEADER else -1
+    if size == _STL_HEADER + _STL_TRIANGLE * count:
+        _check_count(path, "triangles", count, MOST_TRIANGLES)
+        return False
+    if head[:1000].lstrip()[:5].lower() == b"solid" and b"facet" in head.lower():
+        return True
     if count < 0:
-        raise BadSolid(f'"{path.name}" is not an STL: it has {len(data)} bytes, and the header alone {_STL_HEADER}')
+        raise BadSolid(f'"{path.name}" is not an STL: it has {size} bytes, and the header alone {_STL_HEADER}')
     needed = _STL_HEADER + _STL_TRIANGLE * count
-    text = f"its header declares {count} triangles in {needed} bytes, but it has {len(data)}: export it again"
+    text = f"its header declares {count} triangles in {needed} bytes, but it has {size}: export it again"
     raise BadSolid(f'"{path.name}" is not an STL: {text}')
 
 

@@ -40,6 +40,7 @@ def test_a_claimed_length_reserves_nothing() -> None:
         b"\x05\x00\x00\x00ab",
         bytes.fromhex("03000000") + b"abc",
         b"".join(block(b"k%d=v" % n) for n in range(100)),
+        block(b"k=v") * 12_000,
     ],
 )
 def test_no_header(body: bytes) -> None:
