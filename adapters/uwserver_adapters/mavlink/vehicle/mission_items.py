@@ -27,6 +27,7 @@ SPEED, YAW = "MAV_CMD_DO_CHANGE_SPEED", "MAV_CMD_CONDITION_YAW"
 _LOITER, _LOITER_TIME = "MAV_CMD_NAV_LOITER_UNLIM", "MAV_CMD_NAV_LOITER_TIME"
 TAKEOFF = "MAV_CMD_NAV_TAKEOFF"
 """QGroundControl begins each mission with a take-off. A submarine has nothing to do for it, and ArduSub goes on to the next item."""
+_WITH_PLACE = (WAYPOINT, _LOITER, _LOITER_TIME)
 _NO_HEADING_DEG = (0.0, 999.0)
 """Headings that ground stations send for "none", besides NaN: zero, and 999 from Cockpit."""
 GLOBAL, NO_PLACE = "MAV_FRAME_GLOBAL", "MAV_FRAME_MISSION"
@@ -78,13 +79,16 @@ class BadItem(Exception):
 def item_of(message: MavlinkMessage) -> Item:
     """Return the item of a MISSION_ITEM_INT, or of the older MISSION_ITEM with degrees as floats.
 
+    As in ArduPilot, x, y and z matter only where the command has a place: MAVSDK sends NaN with others.
+
     Raises:
-        BadItem: a coordinate is not a number.
+        BadItem: a coordinate of a place is not a number.
     """
     frame, command = message.entry("frame"), message.entry("command")
     x, y, z = (message.number(axis) for axis in "xyz")
-    if not all(map(math.isfinite, (x, y, z))):
+    if command.name in _WITH_PLACE and not all(map(math.isfinite, (x, y, z))):
         raise BadItem("INVALID_PARAM5_X", f"item {message.integer('seq')}: its place is not a number")
+    x, y = finite(x) or 0.0, finite(y) or 0.0
     if message.name == "MISSION_ITEM":
         scale = 1e4 if frame.name == LOCAL_NED else 1e7
         x, y = max(-2e9, min(2e9, x * scale)), max(-2e9, min(2e9, y * scale))

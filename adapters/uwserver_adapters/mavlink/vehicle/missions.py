@@ -71,7 +71,7 @@ class Missions:
         self._upload: Upload | None = None
         self._items: list[Item | dict[str, Json]] = []
         self._numbers: list[int] = []
-        self._known_count = 0
+        self._told: list[Json] = []
         self._reached = 0
         self._start_at = 0
 
@@ -201,7 +201,7 @@ class Missions:
                 if len(upload.translated) < upload.count - 1:
                     self._bridge.tell(INFO, "Mission: the take-off is left out")
                 self._items, self._numbers = [*upload.items], upload.numbers
-                self._known_count, self._reached, self._start_at = len(upload.translated), 0, 0
+                self._told, self._reached, self._start_at = upload.translated, 0, 0
             self._end(upload, "INVALID" if reason else "ACCEPTED")
 
         if not self._bridge.autopilot.is_there:
@@ -242,19 +242,21 @@ class Missions:
             fields = {**addressed_to(message.sender), "count": count, "mission_type": kind}
             self._bridge.send("MISSION_COUNT", fields, channel)
 
-        if is_mission and self._bridge.readings.state().mission_count != self._known_count:
+        if is_mission and self._bridge.autopilot.is_there:
             self._bridge.autopilot.call("get_mission", {}, tell, self._learn)
         else:
             tell("")
 
     def _learn(self, result: Json) -> None:
-        """Take the autopilot's mission, which somebody else has changed."""
+        """Take the autopilot's mission if somebody else has changed it. A sample of its state would tell that too late: it may be older than the last
+        upload."""
         items = result.get("items") if isinstance(result, dict) else None
-        if isinstance(items, list):
-            found = [item if isinstance(item, dict) else {} for item in items]
-            self._items = [home_item(self._bridge.home, self._bridge.dialect.entry), *found] if found else []
-            self._numbers = list(range(1, len(self._items)))
-            self._known_count = len(found)
+        if not isinstance(items, list) or _is_same(items, self._told):
+            return
+        found = [item if isinstance(item, dict) else {} for item in items]
+        self._items = [home_item(self._bridge.home, self._bridge.dialect.entry), *found] if found else []
+        self._numbers = list(range(1, len(self._items)))
+        self._told = [*items]
 
     def _item(self, seq: int) -> Item:
         """Return one item. An item that was not uploaded here is converted when it is first asked for."""
@@ -286,7 +288,7 @@ class Missions:
 
         def done(reason: str) -> None:
             if not reason:
-                self._items, self._numbers, self._known_count, self._reached, self._start_at = [], [], 0, 0, 0
+                self._items, self._numbers, self._told, self._reached, self._start_at = [], [], [], 0, 0
             self._acknowledge(message, channel, "ERROR" if reason else "ACCEPTED")
 
         if message.entry("mission_type").name in (FENCE, RALLY):
@@ -316,6 +318,14 @@ class Missions:
         """Forget the upload on a channel that has been closed."""
         if self._upload is not None and self._upload.channel is channel:
             self._upload = None
+
+
+def _is_same(items: Sequence[Json], told: Sequence[Json]) -> bool:
+    """Tell whether the autopilot's items are those that it was told. It leaves out values that are the default."""
+    return len(items) == len(told) and all(
+        isinstance(item, dict) and isinstance(its, dict) and all(its.get(key) == value for key, value in item.items())
+        for item, its in zip(items, told, strict=True)
+    )
 
 
 def _numbered(reason: str, numbers: Sequence[int]) -> str:

@@ -231,6 +231,7 @@ class Community:
         self._context = context
         self._clock = clock
         self._alog: Alog | None = None
+        self._trouble = ""
         self.link: Link | None = None
         self.bridge = Bridge(table, context, self._post, self._listen, name, asyncio.get_running_loop().time)
         self.address = f"{table.host}:{table.port}"
@@ -280,7 +281,6 @@ class Community:
 
     async def run(self) -> None:
         """Join, stay, and join again, until cancelled."""
-        told = ""
         self._alog = Alog(self._table.alog, self._clock.now, self._context) if self._table.alog else None
         try:
             while True:
@@ -289,9 +289,9 @@ class Community:
                 except (OSError, LinkLost) as error:
                     text = f"MOOSDB at {self.address}: {error}; it is tried again"
                     self._context.stats.last_error = text
-                    if text != told:
+                    if text != self._trouble:
                         self._warn(text)
-                        told = text
+                        self._trouble = text
                 await asyncio.sleep(RETRY_S)
         finally:
             self.bridge.close()
@@ -310,6 +310,8 @@ class Community:
                 gap = f"{self._clock.skew:g} s, is its MOOSTimeWarp {self._clock.warp:g}?"
                 self._warn(f"the clock of the MOOSDB at {self.address} differs by {gap}")
             self.link = link
+            if stats.last_error == self._trouble:  # that is over; what else went wrong stays
+                stats.last_error = ""
             self._context.subscriptions_changed()
             stats.peers += 1
             try:

@@ -177,6 +177,7 @@ async def test_the_download_tells_what_was_uploaded(bench):
     assert await upload(bench, station, items) == ACCEPTED
     bench.run(0.1)
     other.send("MISSION_REQUEST_LIST", 1, 1, 0)
+    await asyncio.sleep(0)
     assert other.last("MISSION_COUNT").count == 3
     for seq, (frame, command, p, x, y, z) in enumerate(items):
         other.send("MISSION_REQUEST_INT", 1, 1, seq, 0)
@@ -187,6 +188,38 @@ async def test_the_download_tells_what_was_uploaded(bench):
     assert other.last("MISSION_ITEM").x == pytest.approx(items[1][3] / 1e7, abs=1e-5)
     other.send("MISSION_REQUEST_INT", 1, 1, 3, 0)
     assert other.last("MISSION_ACK").type == 13
+
+
+async def test_what_comes_down_at_once_is_what_went_up(bench):
+    """The autopilot's state is sampled: right after an upload it still tells of the mission before."""
+    station = bench.station()
+    x, y = place(bench, 20.0, 30.0)
+    for heading in (math.nan, 45.0):
+        items = [
+            HOME, (6, WAYPOINT, (0.0, 1.0, 0.0, heading), x, y, -5.0), (2, SPEED, (1.0, 0.5, -1.0, math.nan), 0, 0, math.nan),
+            (3, WAYPOINT, (0.0, 1.0, 0.0, heading), x, y, -8.0),
+        ]  # fmt: skip
+        assert await upload(bench, station, items) == ACCEPTED
+        station.send("MISSION_REQUEST_LIST", 1, 1, 0)
+        await asyncio.sleep(0)
+        assert station.last("MISSION_COUNT").count == 4
+        for seq, (frame, command, p, *there) in enumerate(items):
+            station.send("MISSION_REQUEST_INT", 1, 1, seq, 0)
+            told = station.last("MISSION_ITEM_INT")
+            assert (told.seq, told.frame, told.command) == (seq, frame, command)
+            assert [told.param1, told.param2, told.param3, told.param4] == pytest.approx(p, nan_ok=True)
+            assert [told.x, told.y, told.z] == pytest.approx(there, nan_ok=True)
+
+
+async def test_a_mission_of_somebody_else_of_the_same_length_comes_down(bench):
+    station = bench.station()
+    assert await upload(bench, station, [HOME, (1, WAYPOINT, (0.0,) * 4, 10_000, 0, 2.0)]) == ACCEPTED
+    bench.rov._set_mission({"items": [{"kind": "waypoint", "position_ned_m": [9.0, 0.0, 2.0]}]})
+    station.send("MISSION_REQUEST_LIST", 1, 1, 0)
+    await asyncio.sleep(0)
+    station.send("MISSION_REQUEST_INT", 1, 1, 1, 0)
+    told = station.last("MISSION_ITEM_INT")
+    assert told.x == pytest.approx(place(bench, 9.0, 0.0)[0], abs=2)
 
 
 @pytest.mark.parametrize(
