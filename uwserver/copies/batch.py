@@ -19,6 +19,7 @@ from uwserver.ports import Event, Json, Refused
 from uwserver.ports.checks import find
 from uwserver.step import rows
 from uwserver.step.streams import NEVER
+from uwserver.world.bodies.held import HeldStart
 from uwserver.world.stepping.piloting import Piloting
 from uwserver.world.stepping.stepping import run_parts
 from uwserver.world.world import World
@@ -96,6 +97,7 @@ class Batch:
         self._time_of = world.ticks.time_of
         self._rate, self.dt, self._last = world.rate_hz, world.hydro.dt, world.stepping.given.last
         self._next_faults, self._next_watch = np.full((2, self.n), NEVER, np.int64)
+        self._held: NDArray[np.bool_] = np.zeros(self.n, np.bool_)
         self._events: list[tuple[int, Event]] = []
         self._copies[0].move(self._memory.of(0))
         self._constants = self._copies[0].constants()  # copied, as that copy may be replaced
@@ -174,6 +176,9 @@ class Batch:
             self._act(i, lambda world: run_parts(world.stepping.schedule.first, world.tick, world.t_ns))
         for i, path, value in commands.apply(ticks, going):
             self._act(i, lambda world, path=path, value=value: world.command(path, **value))  # type: ignore[misc]
+        for i in np.flatnonzero(self._held & commands.written).tolist():
+            self._act(i, _tell_of_commands)
+        commands.written[:] = False
         for i, path in commands.watch(ticks, which):
             text = f'no command for "{path}" in {self.commands[path].timeout_s:g} s: it went to neutral'
             tick = int(ticks[i])
@@ -200,6 +205,8 @@ class Batch:
         copy = self._copies[i]
         self._events += [(i, event) for event in copy.world.flush().events]
         self._next_faults[i], self._next_watch[i] = copy.begin()
+        held = copy.world.parts.get(HeldStart.path)
+        self._held[i] = isinstance(held, HeldStart) and bool(held.names)
         self._steps.find(i)
 
     def events(self) -> list[tuple[int, Event]]:
@@ -359,6 +366,11 @@ def _due(are: NDArray[np.bool_], which: IntArray) -> list[int]:
     """Return those of `which` that the mask `are` holds."""
     due: list[int] = which[are[which]].tolist() if are.any() else []
     return due
+
+
+def _tell_of_commands(world: World) -> None:
+    """Let a world know that commands were written into its rows, which may let a held vehicle go."""
+    world.requests.changes += 1
 
 
 def _do_nothing(world: World) -> None:

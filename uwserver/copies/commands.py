@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uwserver.actuators import Thrusters
 from uwserver.actuators.force_torque import ForceTorque
@@ -47,6 +48,7 @@ class Commands:
     Attributes:
         ports: the actuators of a copy, by path.
         delay: (n) ticks from a command to its effect.
+        written: (n) whether commands were written into the rows of a copy. The caller clears it.
     """
 
     def __init__(self, copies: Sequence[Copy], rows: Records) -> None:
@@ -63,6 +65,7 @@ class Commands:
         self._posted: list[_Posted] = []
         n = len(copies)
         self.delay: IntArray = np.zeros(n, np.int64)
+        self.written: NDArray[np.bool_] = np.zeros(n, np.bool_)
         timeouts = {path: copies[0].world.actuators[path].timeout_ticks for path in self._writers}
         self._watched = {path: ticks for path, ticks in timeouts.items() if ticks}
         self._expires = {path: np.full(n, _NEVER, np.int64) for path in self._watched}
@@ -150,6 +153,7 @@ class Commands:
         ]
         spread[which] = np.concatenate(parts, axis=1)
         writer.write(which, spread)
+        self.written[which] = True
         if path in self._watched:
             self._expires[path][which] = ticks[which] + self._watched[path]
         return []

@@ -20,6 +20,8 @@ from uwserver.physics.saved_rows import check_rows
 
 _RUNNING = ("state", "bodies", "thrusters", "wrenches", "servos", "contact_nu_dot")
 """Arrays that change in a run."""
+HELD = 2
+"""Value of `retired` in the row of a body that stays where it is; 1 is that of a removed body. The kernels skip all rows in which it is not 0."""
 Saved = dict[str, bytes]
 """All arrays that change in a run, by name, including those of the contacts."""
 
@@ -124,6 +126,19 @@ class Hydrodynamics:
         self.contact_nu_dot[row] = 0.0
         self.bodies["external"][row] = self.bodies["acted"][row] = 0.0
         self._forget_contacts(row)
+
+    def hold(self, row: int) -> None:
+        """Keep a body at its present pose, at rest, whatever acts on it, until `let_go`."""
+        self.bodies["retired"][row] = HELD
+        self.state[row, layout.NU :] = 0.0
+
+    def let_go(self, row: int) -> None:
+        """Let a held body move from the next tick on, with the velocity that it has: zero, unless it was hit in the last tick."""
+        self.bodies["retired"][row] = 0
+
+    def is_held(self, row: int) -> bool:
+        """Return whether `hold` keeps a body at its pose."""
+        return bool(self.bodies["retired"][row] == HELD)
 
     def revive(self, row: int) -> None:
         """Put a new body, made of the same parts, into the rows of one that was taken out, as if it were added now.

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-_FLAGS = dict.fromkeys(("in_contact", "retired", "by_force", "fresh", "frame", "harmonic"), 1) | dict.fromkeys(
-    ("stuck", "form_M_RB", "form_M_A", "form_D_L", "form_D_Q", "form_D_S"), 2
+_FLAGS = dict.fromkeys(("in_contact", "by_force", "fresh", "frame", "harmonic"), 1) | dict.fromkeys(
+    ("retired", "stuck", "form_M_RB", "form_M_A", "form_D_L", "form_D_Q", "form_D_S"), 2
 )
 """Largest values of the whole numbers that change in a run. All other whole numbers say which rows belong together, and never change."""
 _ENDLESS = ("rate", "floor")

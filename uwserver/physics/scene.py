@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,6 +44,7 @@ class Scene:
         self.stocks = Stocks(WaysOut(engine), Stock(), Surfaces()) if stocks is None else stocks
         self._solids, self._rays = Solids(ways=self.stocks.ways, stock=self.stocks.stock), Rays(self.stocks.surfaces)
         self._led: dict[int, int] = {}
+        self._held: tuple[int, ...] = ()
         self._plain: Finding | None = None
         self._finding: Finding | None = None
 
@@ -70,12 +71,22 @@ class Scene:
         self._rays.remove(body)
         self._led.pop(body, None)
 
+    def hold(self, rows: Collection[int]) -> None:
+        """Let the bodies in these rows, and no others, have no contacts with static solids, with each other, or with led bodies: they stay where
+        they are whatever acts on them. What can move touches them as before."""
+        self._held, self._plain = tuple(rows), None
+
+    @property
+    def _unyielding(self) -> list[int]:
+        """Rows of the moving bodies that nothing pushes."""
+        return [*self._led.values(), *self._held]
+
     def find_contacts(self, state: FloatArray, dt: float) -> Contacts:
         """Return contacts as `contacts.Collider` does."""
         contacts = self._solids.find_contacts(state, dt)
-        if not self._led or contacts is NO_CONTACTS:
+        unyielding = [-1, *self._unyielding]
+        if len(unyielding) == 1 or contacts is NO_CONTACTS:
             return contacts
-        unyielding = [-1, *self._led.values()]
         felt = ~(np.isin(contacts.body_a, unyielding) & np.isin(contacts.body_b, unyielding))
         if felt.all():
             return contacts
@@ -89,8 +100,8 @@ class Scene:
         finding = self._solids.finding()
         if finding is not self._plain:
             self._plain = self._finding = finding
-            if self._led:
-                self._finding = finding._replace(led=np.array([*self._led.values()], np.int64))
+            if self._unyielding:
+                self._finding = finding._replace(led=np.array(self._unyielding, np.int64))
         assert self._finding is not None
         return self._finding
 

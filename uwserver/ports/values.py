@@ -267,6 +267,7 @@ class Event(Struct, frozen=True):
         "shutdown",
         "adapter_failed",
         "autopilot",
+        "held",
         "recording",
     ]
     tick: int

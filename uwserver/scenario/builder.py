@@ -31,7 +31,13 @@ class ScenarioBuilder:
     """
 
     def __init__(
-        self, title: str, *, seed: int = 0, rate_hz: float = 240.0, adapters: Mapping[str, type] | None = None
+        self,
+        title: str,
+        *,
+        seed: int = 0,
+        rate_hz: float = 240.0,
+        start: str = "free",
+        adapters: Mapping[str, type] | None = None,
     ) -> None:
         """Begin a scenario.
 
@@ -39,9 +45,10 @@ class ScenarioBuilder:
             title: of the scenario.
             seed: of all random streams.
             rate_hz: physics ticks per second.
+            start: "held" keeps the vehicles where they start until something on board acts; see `Scenario`.
             adapters: configuration types by kind, as for `load`; default: those that are installed.
         """
-        self._raw: dict[str, Any] = {"schema": 1, "title": title, "seed": seed}
+        self._raw: dict[str, Any] = {"schema": 1, "title": title, "start": start, "seed": seed}
         self._installed = adapters
         self._more: More = NO_MORE
         self.world(rate_hz=rate_hz)

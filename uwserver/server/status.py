@@ -66,6 +66,7 @@ class Monitor:
             "readings_failed": dict(world.readings_failed),
             "stops": {reason: count for reason, count in world.stops.items() if count},
             "vehicles": list(world.members),
+            "held": [name for name, member in world.members.items() if member.vehicle.is_held],
             "conflicts": sum(slot.conflicts for slot in world.actuators.values()),
             "lockstep_waits_for": list(simulation.lockstep.barrier.missing(world.tick))
             if simulation.timing.mode == "lockstep"

@@ -16,7 +16,7 @@ from uwserver.recording.states import Body
 
 Type = Literal["sample", "event", "jump", "state"]
 
-_PLAYED_EVENTS: Final = ("conflict", "watchdog", "fault", "autopilot", "ports_changed")
+_PLAYED_EVENTS: Final = ("conflict", "watchdog", "fault", "autopilot", "held", "ports_changed")
 """Events that are played. Those about the clock and the server belong to the server that recorded them."""
 _SCALARS: Mapping[str, Any] = {"float": float, "int": int, "bool": bool, "str": str, "bytes": Buffer, "buffer": Buffer}
 

@@ -21,6 +21,7 @@ _SERVERS = frozenset(("world/describe", "world/status", "world/shutdown"))
 @dataclass(frozen=True)
 class _Vehicle:
     model: str
+    is_held: bool = False
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from uwserver.scenario.vehicle.body import params_by_name
 from uwserver.scenario.world.earth import instant, magnetic_about, nanoseconds, year_of
 from uwserver.scenario.world.sea import water_of
 from uwserver.units import rad
+from uwserver.world.bodies.held import HeldStart
 from uwserver.world.builds import prepare, progress
 from uwserver.world.faults import Faults, effects
 from uwserver.world.state.saving import offer_state_services
@@ -65,6 +66,8 @@ def build(resolved: Resolved, seed: int | None = None, like: World | None = None
         from uwserver.scenario.build.sight import give_sight  # loads all that pictures need
 
         give_sight(world, resolved)
+    if scenario.start == "held":
+        world.add(HeldStart(world))
     offer_world_services(world)
     offer_state_services(world)
     return world

@@ -59,8 +59,21 @@ def check_scenario(tree: Node, report: Report, warn: Report) -> None:
         )
     check_environment(tree.at("environment"), report, warn)
     check_density(tree, report, warn)
+    if tree.at("start").value == "held":
+        _check_held(vehicles, report)
     if tree.value is not None:
         _check_ports(tree.value, warn)
+
+
+def _check_held(vehicles: Mapping[str, Node], report: Report) -> None:
+    """Check that vehicles which are to be held begin at rest."""
+    for name, entry in vehicles.items():
+        if entry.at("kind").value == "external":
+            continue
+        for key in ("velocity_frd_mps", "angular_velocity_frd_degps"):
+            if any(entry.at(key).value or ()):
+                text = f'start = "held" holds it at rest: leave {key} out, or set start = "free"'
+                report(("vehicles", name, key), text)
 
 
 def _check_ports(scenario: Scenario, warn: Report) -> None:

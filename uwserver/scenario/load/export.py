@@ -67,6 +67,7 @@ def identity(resolved: Resolved) -> str:
     parts = ("environment", "seabed", "structures", "objects")
     whole = {
         "world": world,
+        **({} if scenario.start == "free" else {"start": scenario.start}),
         **{part: _plain(getattr(scenario, part), defaults=True) for part in parts},
         "vehicles": {name: _vehicle(vehicle) for name, vehicle in resolved.vehicles.items()},
         "extensions": scenario.extensions,

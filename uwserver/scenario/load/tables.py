@@ -53,12 +53,17 @@ class Scenario(Table, kw_only=True, frozen=True):
     A file without a table `adapters` is served by `sockets` on TCP port 7600; with an empty table nobody can reach it.
 
     Attributes:
+        start: whether the vehicles are free from the beginning, or "held": each stays exactly where it starts until something on board acts,
+            that is until a thruster, propeller, fin, ballast or wrench gets a command that is not neutral, or its autopilot is armed. Its
+            sensors read a vehicle at rest meanwhile. Objects, external vehicles and vehicles that are spawned later are always free. A held
+            vehicle that something touches is let go too, and so are those for which ``world/let_go`` is called. A reset holds them again.
         extensions: Python files, in the folder of this file or below, that add kinds of sensor, modifier, actuator, current and fault. They are
             run: do not load a scenario that you do not trust.
     """
 
     schema: Literal[1]
     title: str = ""
+    start: Literal["free", "held"] = "free"
     extensions: tuple[Name, ...] = ()
     seed: Annotated[int, Meta(ge=0)] = 0
     world: WorldTable = WorldTable()

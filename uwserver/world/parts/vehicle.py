@@ -62,6 +62,11 @@ class Vehicle:
         return tuple(self.hydro.state[self.row, NU : NU + 6].tolist())
 
     @property
+    def is_held(self) -> bool:
+        """Whether it stays where it starts, until something on board acts (`start = "held"`)."""
+        return self.hydro.is_held(self.row)
+
+    @property
     def wrench(self) -> tuple[float, ...]:
         """Force (N) and moment (N m) of all actuators about the body origin in B, from the present lag states.
 
@@ -76,4 +81,5 @@ class Vehicle:
         north, east, down = self.p_NB
         roll, pitch, yaw = self.pose.rpy
         place = f"p_NB = ({north:.3f}, {east:.3f}, {down:.3f}) m, roll, pitch, yaw = ({roll:.3f}, {pitch:.3f}, {yaw:.3f}) rad"
-        return f"<{self.name} ({self.model}): {place}, speed {math.hypot(*self.nu[:3]):.3f} m/s>"
+        speed = "held until the first command" if self.is_held else f"speed {math.hypot(*self.nu[:3]):.3f} m/s"
+        return f"<{self.name} ({self.model}): {place}, {speed}>"
