@@ -56,7 +56,7 @@ export interface Description {
 }
 export interface Sample { port: string; seq: number; t_ns: number; valid: boolean; value: Record<string, unknown> }
 export interface Status {
-  t?: number; t_ns?: number; wall?: number; real_time_factor?: number; speed?: number; lateness_p99?: number; mode?: string; paused?: boolean;
+  t?: number; t_ns?: number; wall?: number; real_time_factor?: number; speed?: number; lateness_p99?: number; mode?: string; paused?: boolean; held?: string[] | null;
   recording?: boolean; recorder?: { name: string; path: string; bytes: number; since_ns: number; error: string } | null; pages?: number; lease?: Record<string, { page: number; owner: string } | null>; failure?: string | null;
   playback?: { file: string; t_s: number; from_s: number; to_s: number; run: number; runs: number; loop: boolean; range_s: [number | null, number | null]; speed: number; growing: boolean } | null;
 }

@@ -149,6 +149,7 @@ class Pages:
             "lateness_p99": lateness.get("p99_s") if isinstance(lateness, dict) else None,
             "mode": now.get("mode"),
             "paused": self._paused,
+            "held": now.get("held"),
             **_recording(now.get("recorder")),
             "failure": now.get("failure"),
             "playback": now.get("playback"),

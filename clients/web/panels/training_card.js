@@ -15,7 +15,9 @@ export function trainingCard(app, training) {
   const cells = Object.fromEntries(["task", "hint", "part", "found", "distance", "time", "left", "score", "collisions", "best", "last"].map((name) => [name, h("dd", {}, "–")]));
   const labels = { task: "Task", hint: "Now", part: "Done", found: "Found", distance: "Distance", time: "Time", left: "Left", score: "Score", collisions: "Collisions", best: "Best so far", last: "Last try" };
   const said = h("p", { class: "doc" });
-  const again = h("button", { onclick: () => app.link.call(`${training.path}/set`, { running: true }).catch((/** @type {Error} */ error) => tell(said, error.message)) }, "Begin anew");
+  // Where vehicles are held at the start, one goes back there; elsewhere the task begins where the vehicle is.
+  const anew = () => (app.service("world/let_go") ? app.link.call("world/reset") : app.link.call(`${training.path}/set`, { running: true }));
+  const again = h("button", { onclick: () => anew().catch((/** @type {Error} */ error) => tell(said, error.message)) }, "Begin anew");
   const mark = h("button", { title: "What the camera shows is a finding: key X", onclick: () => training.mark() }, "Mark");
   const watch = h("button", { onclick: () => training.watch(!training.rerun) });
   const bar = h("input", { type: "range", min: 0, max: 1, step: 0.001, "aria-label": "Time of the try", style: "flex:1;accent-color:var(--accent)", oninput: () => {

@@ -48,6 +48,7 @@ export class Hud {
     app.on("chosen", () => this.listen());
     app.on("described", () => this.listen());
     app.on("pilot", () => this.tellOwner());
+    app.on("status", () => this.tellOwner());
   }
 
   /** Show the readings of the chosen vehicle, each from the first sensor that has it. */
@@ -81,11 +82,14 @@ export class Hud {
   tellOwner() {
     const { pilot, app } = this;
     const owner = pilot.owner;
-    this.banner.hidden = !app.vehicle || (!owner && !pilot.owns);
-    this.banner.className = `banner ${pilot.owns ? "mine" : "theirs"}`;
+    const held = app.status.held?.includes(app.vehicle) ?? false;
+    this.banner.hidden = !app.vehicle || (!owner && !pilot.owns && !held);
+    this.banner.className = `banner ${pilot.owns ? "mine" : owner ? "theirs" : "held"}`;
+    const waits = held ? " · held until the first command" : "";
     const failsafe = pilot.state.failsafe ? ` · ${pilot.state.failsafe}` : "";
     const mode = pilot.mode === "direct" ? "direct to the actuators" : pilot.mode.replace("_", " ");
-    tell(this.banner, pilot.owns ? `You steer ${app.vehicle} · ${mode}${failsafe}` : `${owner?.owner ?? ""} steers ${app.vehicle}`);
+    const who = pilot.owns ? `You steer ${app.vehicle} · ${mode}${failsafe}` : owner ? `${owner.owner} steers ${app.vehicle}` : app.vehicle;
+    tell(this.banner, who + waits);
   }
 
   /** @param {Float32Array} poses @param {number} i of the chosen body's pose */

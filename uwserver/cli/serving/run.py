@@ -238,6 +238,8 @@ def _announce(
         click.echo(f"\n{first_said}")
     vehicles = ", ".join(f"{name} ({v.vehicle.name})" for name, v in alike(resolved).items())
     click.echo("\n" * (not first_said) + styled(f"uwserver runs {resolved.name}: {vehicles}", bold=True))
+    if resolved.scenario.start == "held":
+        click.echo("  Vehicles stay where they are until the first command.")
     for name, address in addresses.items():
         if name != view:
             click.echo(f"  {name}: {address}")
