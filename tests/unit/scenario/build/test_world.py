@@ -182,8 +182,8 @@ def test_a_scenario_without_bodies_is_a_world_too(write, adapters) -> None:
 @pytest.mark.parametrize(
     ("scenario", "sea", "needs"),
     [
-        ("bluerov2_pool", False, {"fins", *ALL}),
-        ("bluerov2_pool", True, {"fins", "sea", *ALL}),
+        ("bluerov2_open_sea", False, {"fins", *ALL}),
+        ("bluerov2_open_sea", True, {"fins", "sea", *ALL}),
         (
             "one_of_everything",
             True,
