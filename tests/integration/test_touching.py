@@ -123,6 +123,7 @@ def test_a_wall_of_the_pool_stops_the_vehicle(axis: int, wall: float, u: tuple[f
 def test_on_the_floor_of_the_pool_it_rests_with_its_weight() -> None:
     """Nobody commands: the vehicle is 1 N heavier than fresh water. It sinks, and lies still."""
     world = uwserver.load("pool_inspection")
+    world.call("world/let_go")
     state_of(world, "bluerov2")[2] = 2.3
     assert corners(world, "bluerov2")[:, 2].max() < 2.8
     world.step(240 * 30)

@@ -204,6 +204,7 @@ def test_a_training_is_flown_scored_and_watched_again(opened: Page) -> None:
 
 LESSON = """
 schema = 1
+start = "held"
 [world]
 rate_hz = 240
 [environment]
@@ -245,12 +246,16 @@ def test_a_pilot_inspects_and_marks_with_the_camera(browser: Browser, tmp_path: 
     with server(tmp_path, scenario=LESSON) as address:
         page = ready(browser.open(f"{address}?fps=4#quality=low&tab=pilot"))
         page.wait("uw.training.state.state === 'ready' && uw.training.goal?.[0] === 2", "the anode is the goal")
+        banner = "document.querySelector('#hud .banner')"
+        page.wait(f"!{banner}.hidden && {banner}.textContent === 'rov · held until the first command'", "it waits")
         card = "probe.card('Training')"
         assert "keep looking" in page.ask(f"{card}.textContent")
         assert "0 of 1" in page.ask(f"{card}.textContent")
         mark = f"[...{card}.querySelectorAll('button')].find((b) => b.textContent === 'Mark')"
         assert page.ask(f"{mark}.hidden")
+        assert page.ask("uw.vehicles.rov.slice(0, 3)") == [0.0, 0.0, 2.0]
         page.ask("uw.pilot.setMode('depth_hold')")
+        page.wait(f"{banner}.textContent === 'You steer rov · depth hold'", "it is let go")
         page.ask("void (uw.pilot.gain = 0.2)")
         page.ask("document.getElementById('scene').focus()")
         page.key("KeyW", True)
@@ -273,6 +278,9 @@ def test_a_pilot_inspects_and_marks_with_the_camera(browser: Browser, tmp_path: 
         page.wait("uw.said.includes('Dent: marked')", "now it counts")
         page.wait(f"{card}.textContent.includes('1 of 1: Dent')", "and stands among what was found")
         assert page.ask("uw.training.state.lost") == 25
+        page.ask(f"[...{card}.querySelectorAll('button')].find((b) => b.textContent === 'Begin anew').click()")
+        page.wait("uw.app.status.held.join() === 'rov' && uw.training.state.state === 'ready'", "it is held again")
+        page.wait("uw.vehicles.rov.slice(0, 3).join() === '0,0,2'", "at the start")
         page.picture(tmp_path / "lesson.png")
         assert page.ask("uw.errors") == []
         page.close()

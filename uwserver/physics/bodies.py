@@ -128,9 +128,8 @@ class Hydrodynamics:
         self._forget_contacts(row)
 
     def hold(self, row: int) -> None:
-        """Keep a body at its present pose, at rest, whatever acts on it, until `let_go`."""
+        """Keep a body, which is at rest, at its present pose until `let_go`, whatever acts on it."""
         self.bodies["retired"][row] = HELD
-        self.state[row, layout.NU :] = 0.0
 
     def let_go(self, row: int) -> None:
         """Let a held body move from the next tick on, with the velocity that it has: zero, unless it was hit in the last tick."""

@@ -7,8 +7,10 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from msgspec import Meta
+from numpy.typing import NDArray
 
 from uwserver.physics.bodies import HELD, Hydrodynamics
+from uwserver.physics.kernel.layout import NU
 from uwserver.ports import Argument, Json, Refused, Service
 from uwserver.ports.checks import shown
 from uwserver.world.bodies.members import Member
@@ -39,7 +41,7 @@ class _Neutral(NamedTuple):
 
 class HeldStart(Part):
     """Holds the vehicles of a scenario, each until something on board acts: a thruster, a propeller, a fin, a ballast or a wrench is given a
-    command that is not the one of the start, or the autopilot is armed. A vehicle that is touched is let go too.
+    command that is not the one of the start, or the autopilot is armed. A vehicle that is touched, or given a velocity, is let go too.
 
     A neutral command changes nothing, so that an autopilot that sends neutral outputs in every frame does not let its vehicle go before somebody
     steers. What exerts no force, such as a lamp or the tilt of a camera, does not count either. The rows decide, not the kinds of actuators.
@@ -58,6 +60,7 @@ class HeldStart(Part):
         held = [member for member in world.members.values() if not (member.is_object or member.led)]
         self._start = {member.vehicle.name: _neutral(world.hydro, member.vehicle.row) for member in held}
         self._names: tuple[str, ...] = ()
+        self._rows: list[int] = []
         self._seen, self._is_told, self._touchable = -1, False, False
         self._hold(tuple(self._start))
 
@@ -68,16 +71,19 @@ class HeldStart(Part):
 
     @property
     def next_tick(self) -> int | None:  # type: ignore[override]  # it follows from what others have done
-        """0 if something may have been commanded or called since it last looked, or if something may touch a held vehicle."""
+        """0 if something may have been commanded or called since it last looked, if something may touch a held vehicle, or if a held vehicle was
+        given a velocity."""
         if not self._names:
             return None
-        return 0 if self._touchable or self._seen != self._world.requests.changes else None
+        looks = self._touchable or self._seen != self._world.requests.changes or self._in_motion().any()
+        return 0 if looks else None
 
     def before(self, tick: int, t_ns: int) -> None:
         """Let those vehicles go on which something acts. Commands and calls of this tick have been carried out."""
         self._seen = self._world.requests.changes
         touched = self._touched() if self._touchable else frozenset[int]()
-        going = {name: why for name in self._names if (why := self._reason(name, touched))}
+        moving = dict(zip(self._names, self._in_motion().tolist(), strict=True))
+        going = {name: why for name in self._names if (why := self._reason(name, touched, moving[name]))}
         if going:
             self._release(going)
         if self._names and not self._is_told:
@@ -123,9 +129,9 @@ class HeldStart(Part):
         self._keep(tuple(name for name in self._names if name not in going))
 
     def _keep(self, names: tuple[str, ...]) -> None:
-        self._names = names
+        self._names, self._rows = names, [self._start[name].row for name in names]
         if self._world.scene is not None:
-            self._world.scene.hold([self._start[name].row for name in names])
+            self._world.scene.hold(self._rows)
         self._touchable = self._can_be_touched()
 
     def _let_go(self, args: Mapping[str, Json]) -> Json:
@@ -138,14 +144,21 @@ class HeldStart(Part):
 
     # -- why one is let go ------------------------------------------------------------------------------------------------------------
 
-    def _reason(self, name: str, touched: frozenset[int]) -> str:
+    def _reason(self, name: str, touched: frozenset[int], is_moving: bool) -> str:
         """Return why a vehicle is to be let go; "" if it is not."""
         member, start = self._world.members[name], self._start[name]
         if any(part.pilot.orders.armed for part in member.others if isinstance(part, Piloting)):
             return "its autopilot is armed"
         if _commands(self._world.hydro, start.places) != start.commands:
             return _commanded(member)
-        return "something touched it" if start.row in touched else ""
+        if start.row in touched:
+            return "something touched it"
+        return "it was given a velocity" if is_moving else ""
+
+    def _in_motion(self) -> NDArray[np.bool_]:
+        """Return which of the held vehicles (n) have a velocity: somebody has set it."""
+        found: NDArray[np.bool_] = self._world.hydro.state[self._rows, NU:].any(axis=1)
+        return found
 
     def _can_be_touched(self) -> bool:
         """Return whether something solid can move while a solid vehicle is held."""

@@ -112,6 +112,17 @@ def test_propellers_and_fins_let_their_vehicle_go(world: World, port: str, value
     assert [world.vehicles[name].is_held for name in ("rov", "auv")] == [True, False]
 
 
+def test_a_vehicle_may_be_put_elsewhere_and_one_that_is_given_a_velocity_goes(world: World) -> None:
+    state = world.hydro.state[world.vehicles["rov"].row]
+    world.step(5)
+    state[:3] = 1.0, 2.0, 4.0
+    world.step(24)
+    assert world.vehicles["rov"].p_NB == (1.0, 2.0, 4.0)
+    state[7] = 0.5
+    assert events(world, 1) == ['"rov" is held no longer: it was given a velocity']
+    assert world.vehicles["rov"].p_NB != (1.0, 2.0, 4.0)
+
+
 def test_orders_and_sticks_count_from_the_moment_the_autopilot_is_armed(world: World) -> None:
     world.step(24)
     world.call("rov/autopilot/set_mode", mode="stabilise")
