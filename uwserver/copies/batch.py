@@ -19,7 +19,7 @@ from uwserver.ports import Event, Json, Refused
 from uwserver.ports.checks import find
 from uwserver.step import rows
 from uwserver.step.streams import NEVER
-from uwserver.world.bodies.held import HeldStart
+from uwserver.world.state.held_start import HeldStart
 from uwserver.world.stepping.piloting import Piloting
 from uwserver.world.stepping.stepping import run_parts
 from uwserver.world.world import World

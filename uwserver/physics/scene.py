@@ -74,7 +74,8 @@ class Scene:
     def hold(self, rows: Collection[int]) -> None:
         """Let the bodies in these rows, and no others, have no contacts with static solids, with each other, or with led bodies: they stay where
         they are whatever acts on them. What can move touches them as before."""
-        self._held, self._plain = tuple(rows), None
+        if tuple(rows) != self._held:
+            self._held, self._plain = tuple(rows), None
 
     @property
     def _unyielding(self) -> list[int]:

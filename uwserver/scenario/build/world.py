@@ -18,9 +18,9 @@ from uwserver.scenario.vehicle.body import params_by_name
 from uwserver.scenario.world.earth import instant, magnetic_about, nanoseconds, year_of
 from uwserver.scenario.world.sea import water_of
 from uwserver.units import rad
-from uwserver.world.bodies.held import HeldStart
 from uwserver.world.builds import prepare, progress
 from uwserver.world.faults import Faults, effects
+from uwserver.world.state.held_start import HeldStart
 from uwserver.world.state.saving import offer_state_services
 from uwserver.world.state.services import offer_world_services
 from uwserver.world.world import World

@@ -1,1 +1,1 @@
-"""A world as a whole: its services, snapshots, saved states in files and messages, and the poses for viewers."""
+"""A world as a whole: its held start, services, snapshots, saved states in files and messages, and the poses for viewers."""

@@ -249,6 +249,7 @@ def test_what_came_later_is_there_too_and_all_go_on_alike(
 def test_the_state_of_a_part_matters() -> None:
     """A state in which one part is as it was at the start goes on otherwise, or that part's state holds nothing of use."""
     world = uwserver.load("rov_autopilot")
+    world.call("world/let_go")
     start = snapshot.take(world)
     world.step(301)
     kept = snapshot.take(world)

@@ -248,6 +248,16 @@ def test_a_held_vehicle_has_no_contact_with_the_bottom_or_with_another_held_one(
     assert world.hydro.touched.impulse.any()
 
 
+def test_the_first_solid_body_that_is_spawned_touches_a_held_vehicle_too() -> None:
+    """Before it comes, the world has no solids at all."""
+    b = ScenarioBuilder("alone", start="held").vehicle("rov", "bluerov2_heavy", position_ned_m=[0, 0, 5])
+    world = uwserver.load(b.free_object("ball", "sphere", radius_m=0.3, density_kgpm3=500, present=False).build())
+    world.step(24)
+    world.call("world/spawn", name="second", like="ball", p_NB=[0.0, 0.0, 7.0])
+    told = events(world, 1200)
+    assert told == ['"rov" is held no longer: something touched it']
+
+
 # -- copies -----------------------------------------------------------------------------------------------------------------------------
 
 

@@ -89,7 +89,7 @@ class HeldStart(Part):
         if self._names and not self._is_told:
             self._is_told = True
             self._world.say("held", f"{_listed(self._names)} held until the first command")
-        self._touchable = self._can_be_touched()
+        self._keep(self._names)  # again, as bodies may have come, with the first solid one also the scene
 
     def save(self) -> HeldState:
         """Return who is held."""
