@@ -40,6 +40,7 @@ from uwserver.sensors import SensorConfig
 from uwserver.server.context import LOOP_SERVICES
 from uwserver.simulation.thread import CLOCK_SERVICES
 from uwserver.world.faults import FaultConfig
+from uwserver.world.state.held_start import LET_GO
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = ROOT / "docs/reference"
@@ -109,7 +110,7 @@ def ports_page() -> str:
     ]
     pilot = [s for path, s in world.services.items() if path.startswith("heavy/autopilot/") and path.count("/") == 2]
     own = [service for path, service in world.services.items() if path.startswith("world/")]
-    for service in sorted((*LOOP_SERVICES, *CLOCK_SERVICES, *own), key=lambda s: s.path):
+    for service in sorted((*LOOP_SERVICES, *CLOCK_SERVICES, *own, LET_GO), key=lambda s: s.path):
         lines.append(_service(service))
     lines += ["", "Each component has its own services; these are those of a sensor and of an actuator:", ""]
     lines += ["| service | arguments | what it does |", "|---|---|---|", *(_service(service) for service in component)]
