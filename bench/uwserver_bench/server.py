@@ -70,7 +70,7 @@ CHANGING = {
     "call rov/imu/get": '{"jsonrpc":"2.0","id":1,"method":"call","params":{"service":"rov/imu/get"}}',
 }
 DEFAULT_SCENARIO = "bluerov2_pool"
-START_BAR_S, IMPORT_BAR_S, MEMORY_BAR_MB = 3.0, 0.03, 250.0
+START_BAR_S, IMPORT_BAR_S, MEMORY_BAR_MB = 3.0, 0.03, 280.0
 _SETTLE_S = 3.0
 _SAMPLE_TIMEOUT_S = 30.0
 
