@@ -157,7 +157,7 @@ class HeldStart(Part):
 
     def _in_motion(self) -> NDArray[np.bool_]:
         """Return which of the held vehicles (n) have a velocity: somebody has set it."""
-        found: NDArray[np.bool_] = self._world.hydro.state[self._rows, NU:].any(axis=1)
+        found: NDArray[np.bool_] = np.any(self._world.hydro.state[self._rows, NU:], axis=1)
         return found
 
     def _can_be_touched(self) -> bool:
