@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 import uwserver
+from uwserver.adapter import installed_adapters
 from uwserver.ports import Refused
+from uwserver.scenario.build.world import build
 from uwserver.scenario.builder import ScenarioBuilder
 from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.load.scenario import load
 from uwserver.scenario.load.tables import Scenario
 from uwserver.world.state import snapshot
 from uwserver.world.world import World
@@ -34,6 +37,11 @@ def scenario(*, start: str = "held", seabed: bool = False) -> Scenario:
     return b.build()
 
 
+def made(scenario: Scenario, seed: int | None = None) -> World:
+    """The world that a server steps."""
+    return build(load(scenario, adapters=installed_adapters()), seed)
+
+
 def here(world: World, name: str) -> tuple[object, ...]:
     vehicle = world.vehicles[name]
     return vehicle.p_NB, vehicle.q_NB, vehicle.nu
@@ -46,7 +54,7 @@ def events(world: World, ticks: int) -> list[str]:
 
 @pytest.fixture(scope="module")
 def shared() -> World:
-    return uwserver.load(scenario())
+    return made(scenario())
 
 
 @pytest.fixture
@@ -56,7 +64,7 @@ def world(shared: World) -> World:
 
 
 def test_it_is_off_unless_the_scenario_asks_for_it() -> None:
-    free = uwserver.load(scenario(start="free"))
+    free = made(scenario(start="free"))
     begin = here(free, "rov")
     free.step(24)
     assert "world/held" not in free.parts
@@ -70,6 +78,16 @@ def test_the_pose_keeps_every_bit_in_waves_and_current(world: World) -> None:
     assert {name: here(world, name) for name in world.vehicles} == begin
     assert all(vehicle.is_held for vehicle in world.vehicles.values())
     assert "held until the first command" in repr(world.vehicles["rov"])
+
+
+def test_a_world_for_programs_is_held_too() -> None:
+    world = uwserver.load(scenario())
+    begin = list(world.vehicles["rov"].p_NB)
+    world.step(240)
+    assert list(world.vehicles["rov"].p_NB) == begin
+    world.command("rov/thrusters", u=HOVER)
+    world.step(24)
+    assert list(world.vehicles["rov"].p_NB) != begin
 
 
 def test_its_sensors_read_a_vehicle_at_rest(world: World) -> None:
@@ -136,7 +154,7 @@ def test_orders_and_sticks_count_from_the_moment_the_autopilot_is_armed(world: W
 def test_a_vehicle_whose_autopilot_is_armed_at_the_start_goes_at_once() -> None:
     b = ScenarioBuilder("armed", start="held")
     b.vehicle("rov", "bluerov2_heavy", position_ned_m=[0, 0, 3], autopilot={"armed": True, "mode": "manual"})
-    world = uwserver.load(b.build())
+    world = made(b.build())
     assert events(world, 1) == ['"rov" is held no longer: its autopilot is armed']
 
 
@@ -170,7 +188,7 @@ def test_a_reset_holds_again_and_a_restore_goes_back_to_what_was_held(world: Wor
 
 @pytest.mark.parametrize("released", [False, True])
 def test_a_saved_state_goes_on_as_its_world_does(world: World, released: bool) -> None:
-    other = uwserver.load(scenario())
+    other = made(scenario())
     world.step(30)
     if released:
         world.command("rov/thrusters", u=HOVER)
@@ -184,7 +202,7 @@ def test_a_saved_state_goes_on_as_its_world_does(world: World, released: bool) -
 
 
 def test_states_of_a_free_world_and_of_vehicles_that_were_not_there_are_refused(world: World) -> None:
-    free = uwserver.load(scenario(start="free"))
+    free = made(scenario(start="free"))
     with pytest.raises(Refused, match="another scenario"):
         snapshot.from_bytes(world, snapshot.to_bytes(free, snapshot.take(free)))
     part = world.parts["world/held"]
@@ -222,7 +240,7 @@ def test_a_spawned_vehicle_is_free_and_a_removed_one_is_forgotten(world: World) 
 
 
 def test_objects_are_free_and_what_touches_a_held_vehicle_lets_it_go() -> None:
-    world = uwserver.load(scenario(seabed=True))
+    world = made(scenario(seabed=True))
     begin = here(world, "rov")
     told: list[str] = []
     while not told or len(told) < 2:
@@ -238,7 +256,7 @@ def test_a_held_vehicle_has_no_contact_with_the_bottom_or_with_another_held_one(
     b = ScenarioBuilder("crowd", start="held").seabed("flat", depth_m=10.0)
     for k, depth in enumerate((9.9, 9.8)):
         b.vehicle(f"rov{k}", "bluerov2_heavy", position_ned_m=[0.2 * k, 0, depth])
-    world = uwserver.load(b.build())
+    world = made(b.build())
     begin = here(world, "rov0")
     world.step(240)
     assert here(world, "rov0") == begin
@@ -251,7 +269,7 @@ def test_a_held_vehicle_has_no_contact_with_the_bottom_or_with_another_held_one(
 def test_the_first_solid_body_that_is_spawned_touches_a_held_vehicle_too() -> None:
     """Before it comes, the world has no solids at all."""
     b = ScenarioBuilder("alone", start="held").vehicle("rov", "bluerov2_heavy", position_ned_m=[0, 0, 5])
-    world = uwserver.load(b.free_object("ball", "sphere", radius_m=0.3, density_kgpm3=500, present=False).build())
+    world = made(b.free_object("ball", "sphere", radius_m=0.3, density_kgpm3=500, present=False).build())
     world.step(24)
     world.call("world/spawn", name="second", like="ball", p_NB=[0.0, 0.0, 7.0])
     told = events(world, 1200)
@@ -264,7 +282,7 @@ def test_the_first_solid_body_that_is_spawned_touches_a_held_vehicle_too() -> No
 @pytest.mark.parametrize("seabed", [False, True])
 def test_copies_are_held_as_their_worlds_are(seabed: bool) -> None:
     batch = uwserver.batch(scenario(seabed=seabed), 2, seeds=2, sensors=("rov/imu",))
-    world = uwserver.load(scenario(seabed=seabed), seed=2)
+    world = made(scenario(seabed=seabed), seed=2)
     row = world.vehicles["rov"].row
     for _ in range(2):
         begin = batch.states("rov")
@@ -297,7 +315,7 @@ def test_an_armed_autopilot_lets_the_vehicle_of_its_copy_go() -> None:
 def test_a_held_vehicle_that_is_to_begin_in_motion_is_refused(key: str) -> None:
     b = ScenarioBuilder("moving", start="held").vehicle("rov", "bluerov2_heavy", **{key: [1.0, 0.0, 0.0]})
     with pytest.raises(ScenarioError, match=f'start = "held" holds it at rest: leave {key} out'):
-        uwserver.load(b.build())
+        made(b.build())
 
 
 def test_any_other_start_is_refused() -> None:
