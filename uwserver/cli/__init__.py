@@ -55,7 +55,11 @@ class _Commands(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         known = self.list_commands(ctx)
         if args and args[0] not in known:
-            ctx.fail(f'no command "{args[0]}"{suggestion(args[0], known)}; there are: {", ".join(known)}')
+            # Imported here because it takes a moment, and most commands exist.
+            from uwserver.scenario.files.words import translation
+
+            hint = translation(args[0], known) or suggestion(args[0], known)
+            ctx.fail(f'no command "{args[0]}"{hint}; there are: {", ".join(known)}')
         return super().resolve_command(ctx, args)
 
 

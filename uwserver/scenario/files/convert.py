@@ -13,6 +13,7 @@ import msgspec
 from msgspec.structs import FieldInfo
 
 from uwserver.scenario.files.errors import KeyPath, closest, did_you_mean, expected, found, suggestion
+from uwserver.scenario.files.words import translation, word_here
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 """Form of a table name, which becomes one level of a path on every wire."""
@@ -95,7 +96,7 @@ class Converter:
             return self._no_table(raw, path)
         if "kind" not in raw:
             known = {info.encode_name for struct in kinds.values() for info in fields(struct)}
-            meant = next((key for key in raw if key not in known and closest(key, ["kind"])), None)
+            meant = next((key for key in raw if key not in known and _closest(key, ["kind"])), None)
             if meant is None:
                 return self._hole(path, f'missing key "kind"; allowed: {", ".join(kinds) or "none"}')
             return self._hole(path, f'unknown key "{meant}" (did you mean "kind"?)', (*path, meant))
@@ -104,7 +105,7 @@ class Converter:
             text = f"expected a string, found {found(kind)}; allowed: {', '.join(kinds)}"
             return self._hole((*path, "kind"), text)
         if kind not in kinds:
-            hint = did_you_mean(kind, list(kinds))
+            hint = translation(kind, kinds) or did_you_mean(kind, list(kinds))
             return self._hole((*path, "kind"), f'unknown kind "{kind}"{hint}; allowed: {", ".join(kinds) or "none"}')
         return self._struct(raw, kinds[kind], path, "kind")
 
@@ -134,9 +135,9 @@ class Converter:
         known = [info.encode_name for info in infos] + ([tag] if tag else [])
         unknown = [key for key in raw if key not in known]
         for key in unknown:
-            self.report(path, f'unknown key "{key}"{suggestion(key, known)}', (*path, key))
+            self.report(path, f'unknown key "{key}"{translation(key, known) or suggestion(key, known)}', (*path, key))
         faulty = bool(unknown)
-        meant = {closest(key, known) for key in unknown}  # a misspelt key is one fault, not also a missing one
+        meant = {_closest(key, known) for key in unknown}  # a misspelt key is one fault, not also a missing one
         values: dict[str, Any] = {}
         parts: dict[str, Node] = {}
         for info in infos:
@@ -148,7 +149,9 @@ class Converter:
             elif info.required:
                 faulty = True
                 if name not in meant:
-                    self.report(path, f'missing key "{name}"')
+                    only = get_args(info.type) if get_origin(info.type) is Literal else ()
+                    write = f": write {name} = {_toml(only[0])}" if len(only) == 1 else ""
+                    self.report(path, f'missing key "{name}"{write}')
             elif isinstance(info.default, msgspec.Struct):
                 parts[name] = Node(info.default)
         if faulty:
@@ -186,7 +189,8 @@ class Converter:
         except msgspec.ValidationError:
             text = f"expected {expected(type_)}, found {found(raw)}"
         if isinstance(raw, str) and get_origin(_strip(type_)) is Literal:
-            text += did_you_mean(raw, [str(value) for value in get_args(_strip(type_))])
+            values = [str(value) for value in get_args(_strip(type_))]
+            text += translation(raw, values) or did_you_mean(raw, values)
         return self._hole(path, text)
 
     def _no_table(self, raw: object, path: KeyPath) -> Node:
@@ -260,6 +264,14 @@ def _members(type_: Any) -> tuple[Any, ...]:
     """Return those alternatives of a union that a TOML value can have."""
     alternatives = get_args(type_) if get_origin(type_) in (Union, UnionType) else (type_,)
     return tuple(member for member in alternatives if member not in (msgspec.UnsetType, type(None)))
+
+
+def _closest(word: str, allowed: Sequence[str]) -> str | None:
+    return word_here(word, allowed) or closest(word, allowed)
+
+
+def _toml(value: object) -> str:
+    return f'"{value}"' if isinstance(value, str) else str(value)
 
 
 def _strip(type_: Any) -> Any:

@@ -20,6 +20,7 @@ from typing import IO, Any
 
 from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, Severity, did_you_mean, dotted, label_of
 from uwserver.scenario.files.locate import MOST_PARTS, Locations, locate, longest_key
+from uwserver.scenario.files.words import translation
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -158,7 +159,7 @@ def find(reference: str, folder: str, beside: Path, fail: Callable[[str], None])
     if is_plain(path):
         return path
     names = list(shipped(folder))
-    hint = did_you_mean(reference, names)
+    hint = translation(reference, names) or did_you_mean(reference, names)
     fail(
         f'unknown {noun} "{reference}"{hint}; shipped: {", ".join(names) or "none"}; for a file of your own write its path with ".toml"'
     )
