@@ -95,7 +95,7 @@ def test_rates_that_are_proposed_are_whole_numbers(tank):
 
 
 def test_a_kind_is_found_by_one_of_its_words(tank):
-    tank.write_text(SCENARIO.replace("scanning_sonar", "sonar"))
+    tank.write_text(SCENARIO.replace("scanning_sonar", "scanning"))
     assert 'did you mean "scanning_sonar"?' in CliRunner().invoke(main, ["check", "tank.toml"]).output
 
 

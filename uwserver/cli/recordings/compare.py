@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from uwserver.cli.loading import require_kind
 from uwserver.cli.terminal import FILE, SECONDS, told
 from uwserver.ports.checks import suggestion
 from uwserver.ports.values import matches, matching
@@ -94,6 +95,8 @@ def compare(
     def advised(error: Exception) -> str:
         return f"{error}; {_TAKES}" if isinstance(error, NoRecording) else str(error)
 
+    for file in (a, b):
+        require_kind(file, "a recording", "recording", "log", status=2)
     with told(a, NotReplayable, ValueError, text=advised, status=2):
         limits = [*(_limit("rms", text) for text in rms), *(_limit("max", text) for text in largest)]
         end_ns = None if to_s is None else round(to_s * NANOSECONDS)

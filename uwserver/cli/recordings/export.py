@@ -9,6 +9,7 @@ from pathlib import Path
 
 import click
 
+from uwserver.cli.loading import require_kind
 from uwserver.cli.terminal import FILE, printable, printable_error, told
 from uwserver.logfiles import Log, LogError
 from uwserver.logfiles.export.middleware import write_alog, write_rosbag2, write_tlog
@@ -71,6 +72,7 @@ def export(file: Path, kind: str, output: Path | None, topics: tuple[str, ...], 
 
     Example: uwserver export run.mcap --to csv --topics "rov/**"
     """
+    require_kind(file, "a log", "recording", "log")
     target = output or file.with_name(f"{file.stem}{_ENDS[kind]}")
     try:
         with told(target, LogError, text=printable_error):

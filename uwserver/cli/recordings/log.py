@@ -10,6 +10,7 @@ from typing import Any
 import click
 import msgspec
 
+from uwserver.cli.loading import require_kind
 from uwserver.cli.terminal import FILE, printable, printable_error, told
 from uwserver.logfiles import Log, LogError, LogField, Topic
 from uwserver.logfiles.mapping import mapping_text
@@ -46,6 +47,7 @@ def log_command(file: Path, as_json: bool, as_mapping: bool) -> None:
 
     Example: uwserver log dive.tlog --mapping > dive.toml
     """
+    require_kind(file, "a log", "recording", "log")
     with told(file, LogError, text=printable_error), closing(open_parts(file)) as log:
         if as_mapping:
             text = _MAPPING_HEAD + mapping_text(mapping_of(log)).rstrip("\n")

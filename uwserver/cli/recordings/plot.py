@@ -12,6 +12,7 @@ import msgspec
 from msgspec import UNSET
 
 import uwserver
+from uwserver.cli.loading import require_kind
 from uwserver.cli.terminal import FILE, told
 from uwserver.ports import Buffer, Port, Refused, Sample
 from uwserver.ports.checks import suggestion
@@ -84,6 +85,7 @@ def report(recording: Path, output: Path | None, vehicles: tuple[str, ...], png:
     pictures = [file.with_suffix(suffix) for suffix, asked in ((".png", png), (".pdf", pdf)) if asked]
     if recording in (file, *pictures):
         raise click.ClickException(f"{recording} would be overwritten: give -o another name")
+    require_kind(recording, "a recording", "recording", "log")
     with told(recording, ValueError):
         contents = report_of(recording, vehicles)
         write_page(contents, file)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import click
 import msgspec
 
+from uwserver.cli.loading import require_kind
 from uwserver.cli.recordings.compare import aligned, unit_of
 from uwserver.cli.terminal import FILE, SECONDS, told
 
@@ -70,6 +71,7 @@ def replay(
     from uwserver.recording.replay import kinds_of_extensions
     from uwserver.recording.replay import replay as replay_file
 
+    require_kind(file, "a recording", "recording", "log")
     with _faults_told(file):
         changes = Changes(tuple(map(setting, settings)), tuple(map(asked, calls)), from_s)
         extensions = _extensions(file) if trust_files else []

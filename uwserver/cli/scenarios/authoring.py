@@ -16,6 +16,8 @@ from uwserver.scenario.authoring.starter import starter, vehicle_starter
 from uwserver.scenario.files.convert import NAME
 from uwserver.scenario.files.documents import find, shipped
 from uwserver.scenario.files.errors import label_of
+from uwserver.scenario.files.formats import format_of
+from uwserver.scenario.files.formats import told as told_of
 
 _FOLDERS = {"scenario": "", "vehicle": "vehicles", "device": "devices"}
 _DEFAULT = "bluerov2_heavy"
@@ -162,6 +164,9 @@ def _found(reference: str, option: str) -> Path:
 
     path = find(reference, "vehicles", Path.cwd(), refuse)
     assert path is not None
+    kind = format_of(path)
+    if kind not in (None, "vehicle"):
+        raise click.BadParameter(f"a vehicle file is needed, and {told_of(label_of(path), kind)}", param_hint=option)
     return path
 
 

@@ -1,4 +1,4 @@
-"""The command `check`: faults of scenario files, and warnings of sensors that cannot work as their tables ask."""
+"""The command `check`: faults of scenarios and vehicles, and warnings of sensors that cannot work as their tables ask."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import click
 import numpy as np
 
 from uwserver.adapter import AdapterTable, installed_adapters
-from uwserver.cli.loading import alike
+from uwserver.cli.loading import alike, meant
+from uwserver.cli.scenarios.other_files import CHECKS, alone, check_other, vehicle_lines, vehicle_summary
 from uwserver.cli.terminal import coloured_problems, styled
 from uwserver.frames import matrix
 from uwserver.physics.geometry.shapes import Solid
@@ -40,20 +41,28 @@ _MOST_RAYS = 2000
 _FARTHEST_M = 100.0
 
 
-@click.command(short_help="Check scenario files, or shipped scenarios by name.")
+@click.command(short_help="Check files: scenarios, vehicles, devices, missions, plans.")
 @click.argument("files", metavar="FILE...", nargs=-1, required=True)
-@click.option("--explain", is_flag=True, help="Print the loaded scenario as TOML, with every default.")
+@click.option("--explain", is_flag=True, help="Print the loaded scenario or vehicle as TOML, with every default.")
 def check(files: tuple[str, ...], explain: bool) -> None:
-    """Check scenario files, or shipped scenarios by name. The exit status is 1 if any of them has a fault."""
+    """Check files, or what is shipped, by name. The exit status is 1 if any of them has a fault.
+
+    FILE is a scenario, a vehicle file, a device file, a mapping of a log, a mission (a JSON list of items), a plan of QGroundControl, or a
+    file of waypoints (QGC WPL 110). Of any other file it says what it is, and which command helps.
+    """
     adapters = installed_adapters()
     are_fine = [_check(file, adapters, explain) for file in files]
     sys.exit(0 if all(are_fine) else 1)
 
 
 def _check(file: str, adapters: Mapping[str, type[Any]], explain: bool) -> bool:
-    """Print what is wrong with a scenario, or a summary; return whether nothing is wrong."""
+    """Print what is wrong with a file, or a summary; return whether nothing is wrong."""
+    kind, path = meant(file)
+    if kind in CHECKS:
+        return check_other(kind, path, file)
+    is_vehicle = kind == "vehicle"
     try:
-        resolved = load(file, adapters=adapters)
+        resolved = alone(path) if is_vehicle else load(file, adapters=adapters)
         if explain:
             click.echo(explain_resolved(resolved), nl=False)
         for warning in resolved.warnings:
@@ -70,8 +79,9 @@ def _check(file: str, adapters: Mapping[str, type[Any]], explain: bool) -> bool:
     for warning in problems:
         click.echo(coloured_problems(str(warning)), err=True)
     # With --explain, standard output is TOML and nothing else.
-    click.echo(styled("ok", fg="green") + summary(file, resolved).removeprefix("ok"), err=explain)
-    for line in parts(resolved):
+    text = vehicle_summary(file, resolved) if is_vehicle else summary(file, resolved)
+    click.echo(styled("ok", fg="green") + text.removeprefix("ok"), err=explain)
+    for line in vehicle_lines(resolved) if is_vehicle else parts(resolved):
         click.echo(f"  {line}", err=explain)
     for line in (*pictures(resolved), *late(resolved), *hasty(resolved), *facing_their_hull(resolved)):
         click.echo(line, err=True)

@@ -124,7 +124,12 @@ _DETAILS: Mapping[str, Callable[[], Mapping[str, list[str]]]] = {
 def parts_of(name: str) -> Iterator[str]:
     """Yield lines about a shipped vehicle, with positions in B (forward, right, down)."""
     scenario = ScenarioBuilder(name).vehicle("v", name, position_ned_m=(0.0, 0.0, 5.0)).build()
-    file = load(scenario, adapters={}).vehicles["v"].vehicle
+    yield from body_lines(load(scenario, adapters={}).vehicles["v"].vehicle)
+    yield f"picture: uwserver plot vehicle {name}; what it does: uwserver manoeuvres {name}"
+
+
+def body_lines(file: VehicleFile) -> Iterator[str]:
+    """Yield lines about the body, the propulsors and the components of a vehicle."""
     body = file.rigid_body
     yield f"{body.mass_kg:g} kg, displaces {1e3 * file.buoyancy.volume_m3:g} l"
     yield from _propulsors(file)
@@ -133,7 +138,6 @@ def parts_of(name: str) -> Iterator[str]:
     for title, table in (("sensors", file.sensors), ("actuators", file.actuators)):
         kinds = [f"{key} ({part.__struct_config__.tag})" for key, part in table.items()]
         yield f"{title}: {', '.join(kinds) or 'none'}"
-    yield f"picture: uwserver plot vehicle {name}; what it does: uwserver manoeuvres {name}"
 
 
 def _propulsors(file: VehicleFile) -> Iterator[str]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from uwserver.cli.loading import require_kind
 from uwserver.cli.serving.played_adapters import with_played_adapters
 from uwserver.cli.serving.run import announced_address, with_address
 from uwserver.cli.serving.web_view import address_lines, open_page, with_token, with_view_token, with_web_view
@@ -101,6 +102,7 @@ def play(
     from uwserver.server.process import end_undisturbed
     from uwserver.simulation.clock import Timing
 
+    require_kind(file, "a recording or log", "recording", "log")
     set_up_logging(log_level, False)
     with tempfile.TemporaryDirectory(prefix="uwserver-play-") as place:
         with told(file, NotPlayable):

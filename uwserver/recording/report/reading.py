@@ -20,6 +20,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 import zstandard
+from mcap.exceptions import InvalidMagic
 from mcap.records import Channel, Chunk, DataEnd, Metadata, Schema
 from mcap.stream_reader import StreamReader
 
@@ -297,7 +298,8 @@ class _Reading:
                     break
         except (*DAMAGE, MemoryError, EOFError) as error:
             if self._head is None:
-                reason = f": {error}" if str(error) else ""
+                # That of a wrong beginning shows its bytes, which say nothing to people.
+                reason = f": {error}" if str(error) and not isinstance(error, InvalidMagic) else ""
                 text = f"{path}: not written by `uwserver run --record FILE`, or damaged at its start{reason}"
                 raise ValueError(text) from error
             rest = "damaged" if file.read(1) else "cut off"

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, Severity, did_you_mean, dotted, label_of
+from uwserver.scenario.files.formats import Kind, format_of, told
 from uwserver.scenario.files.locate import MOST_PARTS, Locations, locate, longest_key
 from uwserver.scenario.files.words import translation
 
@@ -30,6 +31,8 @@ else:
 
 MOST_BYTES = 1 << 20
 """Largest TOML file, bytes: a scenario of a thousand vehicles has 150 kB."""
+SHIPPED: Mapping[str, Kind] = {"": "scenario", "vehicles": "vehicle", "devices": "device"}
+"""The kind of the shipped files in each folder."""
 NOT_PLAIN = "it is not a regular file (but a folder, a pipe or a device)"
 
 
@@ -67,9 +70,12 @@ def read(path: Path) -> Document:
     """Read and parse a file.
 
     Raises:
-        ScenarioError: it cannot be read, or is not TOML; the problem has the position.
+        ScenarioError: it cannot be read, or is not TOML; the problem has the position, or says what kind of file it is.
     """
     label = label_of(path)
+    kind = None if path.suffix.lower() == ".toml" else format_of(path)
+    if kind not in (None, "folder"):
+        raise ScenarioError([Problem(label, 0, 0, "", told(label, kind))])
     try:
         text = read_whole(path, MOST_BYTES).decode("utf-8-sig")
         return parse(text, label, path.resolve())
@@ -143,12 +149,12 @@ def find(reference: str, folder: str, beside: Path, fail: Callable[[str], None])
     """Return the file that a reference means: the name of a shipped file, or a path (it has ``.toml`` or a slash).
 
     Args:
-        reference: what the user wrote.
+        reference: what the user wrote. A file of that name counts, also without ``.toml`` or a slash, if nothing of that name is shipped.
         folder: of the shipped files: "", "vehicles" or "devices".
         beside: folder where a relative path starts.
         fail: called with the reason if there is no such file.
     """
-    noun = {"": "scenario", "vehicles": "vehicle", "devices": "device"}[folder]
+    noun = SHIPPED[folder]
     if reference.endswith(".toml") or "/" in reference or "\\" in reference:
         path = beside / reference
         if is_plain(path):
@@ -158,8 +164,17 @@ def find(reference: str, folder: str, beside: Path, fail: Callable[[str], None])
     path = _shipped(folder) / f"{reference}.toml"
     if is_plain(path):
         return path
+    if is_plain(beside / reference):
+        return beside / reference
     names = list(shipped(folder))
+    if is_plain(beside / f"{reference}.toml"):
+        fail(f'unknown {noun} "{reference}" (did you mean the file "{reference}.toml"?)')
+        return None
     hint = translation(reference, names) or did_you_mean(reference, names)
+    others = [kind for other, kind in SHIPPED.items() if other != folder and reference in shipped(other)]
+    if others:
+        fail(f'"{reference}" is not a {noun}: {told(reference, others[0])}')
+        return None
     fail(
         f'unknown {noun} "{reference}"{hint}; shipped: {", ".join(names) or "none"}; for a file of your own write its path with ".toml"'
     )

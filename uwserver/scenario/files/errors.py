@@ -60,7 +60,9 @@ class ScenarioError(Exception):
         self.problems = tuple(problems)
         errors = sum(problem.severity == "error" for problem in self.problems)
         lines = [str(problem) for problem in self.problems]
-        super().__init__("\n".join([*lines, f"{errors} error{'' if errors == 1 else 's'}"]))
+        # One that concerns a whole file, such as that it is missing, says all in its line.
+        alone = len(self.problems) == 1 and not (self.problems[0].line or self.problems[0].path)
+        super().__init__("\n".join(lines if alone else [*lines, f"{errors} error{'' if errors == 1 else 's'}"]))
 
 
 def label_of(path: Path) -> str:

@@ -40,9 +40,11 @@ _NEAREST = {"min_range_m": "", "min_altitude_m": ""}
 _FARTHEST = {"range_m": "", "max_range_m": "", "max_altitude_m": ""}
 _MOUNT = {"mount": "the name of one of the vehicle's [mounts]"}
 _DENSITY = {"density_kgpm3": "", "reference_density_kgpm3": ""}
-_ADDED = {"diagonal": "positive: surge, sway, heave, roll, pitch, yaw", "added_mass": "its diagonal is positive: surge to yaw"}  # fmt: skip
-_LINEAR = {"linear": "its diagonal is positive: surge to yaw", "damping": "[damping.linear] has a positive diagonal: surge to yaw"}  # fmt: skip
-_QUADRATIC = {"quadratic": "its diagonal is positive: surge to yaw", "damping": "[damping.quadratic] has a positive diagonal: surge to yaw"}  # fmt: skip
+_SIX = "its diagonal is positive: surge to yaw"
+_ADDED = {"diagonal": "positive: surge to yaw", "added_mass": _SIX}
+_LINEAR = {"linear": _SIX, "damping": f"[damping.linear], {_SIX}"}
+_QUADRATIC = {"quadratic": _SIX, "damping": f"[damping.quadratic], {_SIX}"}
+_NOISE = 'a modifier of kind "white_noise" has sigma'
 _TRUTH = "the true state is not a sensor: [vehicles.NAME.truth] gives it"
 _AUTOPILOT = "[vehicles.NAME.autopilot] is the built-in autopilot"
 _SIGHT = "how far a camera sees follows from [environment] water_type"
@@ -133,9 +135,9 @@ WORDS: Mapping[str, Word] = {
     "socket": Word("holoocean", _MOUNT),
     "noise": Word("gz", {"modifiers": '[....modifiers.noise] kind = "white_noise"'}),
     "gaussian": Word("gz", {"white_noise": ""}),
-    "stddev": Word("gz", {"sigma": ""}, 'a modifier of kind "white_noise" has sigma'),
-    "noise_sigma": Word("uuv", {"sigma": "", "beam_sigma_mps": "", "range_sigma_m": "", "sigma_m": ""}, 'a modifier of kind "white_noise" has sigma'),
-    "add_sigma": Word("holoocean", {"noise_level_db": "of the water and the sonar", "gain_sigma_db": ""}, 'a modifier of kind "white_noise" has sigma'),
+    "stddev": Word("gz", {"sigma": ""}, _NOISE),
+    "noise_sigma": Word("uuv", {"sigma": "", "beam_sigma_mps": "", "range_sigma_m": "", "sigma_m": ""}, _NOISE),
+    "add_sigma": Word("holoocean", {"noise_level_db": "of the water and the sonar", "gain_sigma_db": ""}, _NOISE),
     "range_sigma": Word("holoocean", {"range_sigma_m": "", "sigma_m": ""}),
     "vel_sigma": Word("holoocean", {"beam_sigma_mps": ""}),
     "image": Word("gz", {"width": "with height"}),

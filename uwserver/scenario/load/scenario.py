@@ -16,6 +16,7 @@ from uwserver.autopilot.config import AutopilotConfig
 from uwserver.scenario.files.convert import Converter, Node, NodeCache, Report, check_known, check_name
 from uwserver.scenario.files.documents import Document, find, from_tables, named, read
 from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, Severity
+from uwserver.scenario.files.formats import Kind, kind_of_tables, told
 from uwserver.scenario.load.checks import check_components, check_delays, check_faults, check_scenario, check_tables
 from uwserver.scenario.load.export import tables
 from uwserver.scenario.load.extensions import extension_kinds
@@ -95,7 +96,19 @@ def _open(source: str | Path | Scenario) -> Document:
     path = find(reference, "", Path.cwd(), problems.append)
     if path is None:
         raise ScenarioError([Problem(str(source), 0, 0, "", text) for text in problems])
-    return read(path)
+    document = read(path)
+    if (other := _other_kind(document, "scenario")) is not None:
+        raise ScenarioError([other])
+    return document
+
+
+def _other_kind(document: Document, wanted: Kind) -> Problem | None:
+    """Return a problem that says what a file is if it is clearly another kind of file than the wanted one: one line, not one for each key."""
+    kind = kind_of_tables(document.raw)
+    if kind in (None, wanted) or document.path is None:
+        return None
+    text = told(document.label, kind)
+    return Problem(document.label, 0, 0, "", text if wanted == "scenario" else f"a {wanted} file is needed, and {text}")
 
 
 class _Load:
@@ -249,7 +262,7 @@ class _Load:
         return devices
 
     def _read_device(self, path: Path | None) -> ThrusterDevice | None:
-        document = self._read(path)
+        document = self._read_kind(path, "device")
         if document is None:
             return None
         tree = self._converter(document).tree(document.raw, ThrusterDevice)
@@ -258,7 +271,7 @@ class _Load:
 
     def _read_model(self, path: Path | None) -> Document | None:
         """Return a vehicle file with its sensors' device files filled in; the same raw tables each time, so that they are converted once."""
-        file = self._read(path)
+        file = self._read_kind(path, "vehicle")
         return None if file is None else self._with_profiles(file)
 
     def _with_profiles(self, document: Document) -> Document:
@@ -273,8 +286,15 @@ class _Load:
 
     def _read_profile(self, path: Path | None) -> Mapping[str, Any] | None:
         """Return the keys that the device file of a sensor gives."""
-        file = self._read(path)
+        file = self._read_kind(path, "device")
         return None if file is None else check_profile(file.raw, self._report(file), self._more)
+
+    def _read_kind(self, path: Path | None, wanted: Kind) -> Document | None:
+        document = self._read(path)
+        other = None if document is None else _other_kind(document, wanted)
+        if other is not None:
+            self._problems.append(other)
+        return document if other is None else None
 
     def _read_file(self, path: Path | None) -> Document | None:
         try:
