@@ -23,7 +23,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("environment",),  # asks the kernel what the water does
     ("physics",),  # arrays and kernel: knows no component
     ("ports",),  # the vocabulary of every wall
-    ("frames", "table", "logs"),
+    ("frames", "table", "logs", "packages"),
     ("units",),
 )
 """Highest first. A module imports only from lower lines, or from its own part; parts that share a line do not know each other. So each part can be

@@ -17,7 +17,7 @@ from uwserver.adapter.access import (
     tls_context,
     token_for,
 )
-from uwserver.adapter.base import AdapterBase, CannotServe, Refusals, did_you_mean
+from uwserver.adapter.base import AdapterBase, CannotServe, Refusals, check_path, did_you_mean
 from uwserver.adapter.bounds import MESSAGE_LIMIT, STRANGER_LIMIT
 from uwserver.adapter.connection import HIGH_WATER, LINGER_S, TURN_S, Connection
 from uwserver.adapter.contract import (
@@ -78,6 +78,7 @@ from uwserver.adapter.threads import Inbox, InOrder, Worker
 from uwserver.adapter.turns import BackgroundWork, DatagramTurns, InputTurns
 from uwserver.adapter.values import SampleForm, in_pieces, raw_field
 from uwserver.modifiers.choosing import NOBODY, NOT_BEGUN, UNKNOWN, NotMet, choose
+from uwserver.packages import install_command
 from uwserver.ports.decimation import Decimation, Decimations
 from uwserver.ports.sample_batch import Origin, SampleBatch
 
@@ -152,6 +153,7 @@ __all__ = [
     "address_text",
     "bound_socket",
     "cannot_listen",
+    "check_path",
     "choose",
     "decode",
     "did_you_mean",
@@ -162,6 +164,7 @@ __all__ = [
     "host_of",
     "http_answer",
     "in_pieces",
+    "install_command",
     "installed_adapters",
     "is_host_known",
     "is_loopback",

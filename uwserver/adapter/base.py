@@ -12,7 +12,7 @@ from typing import Generic, TypeVar
 
 from uwserver.adapter.contract import AdapterContext, AdapterStats, AdapterTable
 from uwserver.ports import Json
-from uwserver.ports.checks import LONGEST_WORD, suggestion
+from uwserver.ports.checks import LONGEST_WORD, find, suggestion
 
 log = logging.getLogger(__name__)
 
@@ -22,6 +22,8 @@ TELL_S = 60.0
 """Wall time for which a cause that was logged is only counted."""
 CAUSES = 256
 """Causes that are counted separately; further causes are "other"."""
+check_path = find
+"""Refuses an unknown port or service path with a text that says what there is."""
 did_you_mean = suggestion
 """Returns `` (did you mean "x"?)`` for a word that is like a known one, or ""."""
 

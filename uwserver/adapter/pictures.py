@@ -14,6 +14,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from uwserver.packages import install_command
 from uwserver.ports import Buffer, Field, Port, Sample
 
 __all__ = [
@@ -132,7 +133,7 @@ def jpeg(shown: Pixels, quality: int = QUALITY) -> bytes:
         out = io.BytesIO()
         image.fromarray(shown).save(out, "JPEG", quality=quality, subsampling=0 if is_grey else 2)
         return out.getvalue()
-    raise RuntimeError(f"JPEG needs simplejpeg or Pillow: pip install '{EXTRA}'")
+    raise RuntimeError(f"JPEG needs simplejpeg or Pillow: {install_command(EXTRA)}")
 
 
 def with_jpeg(port: Port, sample: Sample) -> Sample:

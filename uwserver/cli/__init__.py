@@ -66,6 +66,9 @@ class _Commands(click.Group):
 def _command_of_distribution(name: str) -> click.Command:
     """Return the command of another distribution, or one that tells what to install if that is missing or does not load."""
     package = _OTHER_DISTRIBUTIONS[name]
+    # Imported here because only this command needs it.
+    from uwserver.packages import install_command
+
     fault = "it is not installed"
     for entry in entry_points(group="uwserver.commands", name=name):
         try:
@@ -76,12 +79,12 @@ def _command_of_distribution(name: str) -> click.Command:
             return command
 
     def refuse(**_: object) -> None:
-        remedy = f"pip install {package} (in a checkout of the sources: pip install ./{name})"
+        remedy = f"{install_command(package)} (in a checkout of the sources: {install_command(f'./{name}')})"
         raise click.ClickException(f"uwserver {name}: {fault}: {remedy}")
 
     takes_all = {"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []}
     return click.Command(
-        name, context_settings=takes_all, callback=refuse, short_help=f"(needs: pip install {package})"
+        name, context_settings=takes_all, callback=refuse, short_help=f"(needs {package}, which is not installed)"
     )
 
 

@@ -6,7 +6,6 @@ import importlib
 import importlib.metadata
 import json
 import os
-import socket
 import sys
 import tempfile
 import threading
@@ -20,7 +19,9 @@ from typing import Literal
 import click
 
 from uwserver.adapter import AdapterNotFound, adapter_entries, installed_adapters, load_adapter
+from uwserver.cli.port_holder import holder_of
 from uwserver.cli.terminal import Colour, styled
+from uwserver.packages import install_command
 from uwserver.physics.collision.engine import ENGINES, chosen_engine, missing_engine
 from uwserver.simulation.clock import Pace, SystemTime
 from uwserver.units import NANOSECONDS
@@ -35,13 +36,20 @@ _OPTIONAL = {
     "h5netcdf": ("h5netcdf", "seabeds in NetCDF", "netcdf"),
     "pymavlink": ("pymavlink", "scenarios with MAVLink", ""),
     "eclipse-zenoh": ("zenoh", "scenarios with zenoh", ""),
-    "matplotlib": ("matplotlib", "pictures", "plot"),
-    "simplejpeg": ("simplejpeg", "JPEG of cameras", "pictures"),
-    "av": ("av", "H.264 of cameras, MP4", "video"),
+    "matplotlib": ("matplotlib", "plots", "plot"),
+    "simplejpeg": ("simplejpeg", "pictures of cameras as JPEG", "pictures"),
+    "av": ("av", "H.264 of cameras and MP4", "video"),
+    "rosbags": ("rosbags", "ROS 2 and rosbridge", "ros"),
+    "xxhash": ("xxhash", "ROS 2 over zenoh", "ros"),
+    "cyclonedds": ("cyclonedds", "ROS 2 over DDS", "dds"),
+    "pyarrow": ("pyarrow", "logs in Parquet", "logs"),
+    "pyulog": ("pyulog", "logs of PX4", "logs"),
+    "protobuf": ("google.protobuf", "logs of others with protobuf", "logs"),
 }
 """By distribution: its module, what needs it, and the extra that installs it ("" where every installation has it). Engines of contacts have
 findings of their own."""
 
+_REPAIR = install_command("uwserver").replace(" install ", " install --force-reinstall ")
 _WAITS, _PERIOD_NS, _LATE_NS = 200, NANOSECONDS // 500, NANOSECONDS // 1000
 _NEEDED_MB = 400
 _COLOURS: Mapping[Level, Colour] = {"ok": "green", "warning": "yellow", "fault": "red"}
@@ -81,10 +89,10 @@ def python() -> Finding:
 def wheels() -> Iterator[Finding]:
     """Check that the packages that every server needs can be imported, and that those of the extras are installed."""
     for distribution, module in _REQUIRED.items():
-        yield _wheel(distribution, module, "fault", "pip install --force-reinstall uwserver")
+        yield _wheel(distribution, module, "fault", _REPAIR)
     for distribution, (module, purpose, extra) in _OPTIONAL.items():
-        package = f"'uwserver[{extra}]'" if extra else "uwserver"
-        yield _wheel(distribution, module, "warning", f"only {purpose} need it: pip install {package}")
+        command = install_command(f"uwserver[{extra}]" if extra else "uwserver")
+        yield _wheel(distribution, module, "warning", f"only {purpose} need it: {command}")
 
 
 def _wheel(distribution: str, module: str, level: Level, remedy: str) -> Finding:
@@ -114,7 +122,7 @@ def rays() -> Finding:
     if find_spec("embreex") is not None:
         return Finding("rays", "ok", f"embreex {importlib.metadata.version('embreex')}")
     text = "embreex is not installed: sonars and other ranging sensors see the same, through a slower tree of uwserver's own"
-    return Finding("rays", "warning", text, "pip install embreex, where it has wheels")
+    return Finding("rays", "warning", text, f"{install_command('embreex')}, where it has wheels")
 
 
 def kernels() -> Finding:
@@ -149,35 +157,12 @@ def threads() -> Finding:
 
 def port(number: int = DEFAULT_PORT) -> Finding:
     """Check that the default port is free on loopback, and find out which program has it if not."""
-    name = f"port {number}"
-    with socket.socket() as probe:
-        # As servers do, so that a port whose last connection has just closed counts as free.
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind(("127.0.0.1", number))
-        except OSError as error:
-            remedy = "end it, or: uwserver run --port 7601 (0 takes a free port)"
-            return Finding(name, "fault", f"{_program_at(number)} has it ({error.strerror})", remedy)
-    return Finding(name, "ok", "free")
-
-
-def _program_at(number: int) -> str:
-    """Return what a uwserver at the port says of itself, or "another program" if what is there does not speak its protocol."""
-    hello = b'{"jsonrpc":"2.0","id":1,"method":"hello","params":{"version":1}}\n'
-    try:
-        with socket.create_connection(("127.0.0.1", number), 1.0) as peer:
-            peer.settimeout(1.0)
-            peer.sendall(hello)
-            with peer.makefile("rb") as lines:
-                answer = json.loads(lines.readline(65536))
-    except (OSError, ValueError):
-        answer = None
-    if not isinstance(answer, dict) or answer.get("jsonrpc") != "2.0":
-        return "another program"
-    result = answer.get("result")
-    if isinstance(result, dict) and "scenario" in result:
-        return f"a running {result.get('server')} with scenario {result['scenario']}"
-    return "a running uwserver that wants a token"
+    holder = holder_of("127.0.0.1", number)
+    if holder is None:
+        return Finding(f"port {number}", "ok", "free")
+    return Finding(
+        f"port {number}", "fault", f"{holder} has it", "end it, or: uwserver run --port 0, which takes a free port"
+    )
 
 
 def timer() -> Finding:
@@ -213,7 +198,7 @@ def adapters() -> Iterator[Finding]:
     """Check that every installed adapter can be loaded."""
     entries = adapter_entries()
     if not entries:
-        yield Finding("adapters", "fault", "none is installed", "pip install --force-reinstall uwserver")
+        yield Finding("adapters", "fault", "none is installed", _REPAIR)
     for kind in entries:
         try:
             load_adapter(kind)
@@ -309,7 +294,7 @@ def _warm() -> list[Finding]:
 
         warm(lambda line: click.echo(line, err=True))
     except (ImportError, OSError, RuntimeError) as error:
-        return [Finding("warming", "fault", str(error), "pip install --force-reinstall uwserver")]
+        return [Finding("warming", "fault", str(error), _REPAIR)]
     if cache_state.folder is not None and not cache_state.reason:
         for old in prune(cache_state.folder):
             click.echo(f"kernels: removed {old}", err=True)

@@ -13,6 +13,8 @@ from typing import Literal, NamedTuple, Protocol
 
 from msgspec import Struct
 
+from uwserver.packages import install_command
+
 Kind = Literal["uwserver", "mcap", "tlog", "bin", "alog", "bag", "rosbag2", "ulg", "csv", "parquet"]
 """Log formats: our own recordings, other MCAP files, MAVLink telemetry, ArduPilot dataflash, MOOS, ROS 1, ROS 2, PX4, and tables."""
 _LONGEST = 300
@@ -167,7 +169,9 @@ def foreign(path: Path, what: str) -> Iterator[None]:
     except ImportError as error:
         module = (error.name or str(error)).split(".")[0]
         package = _PACKAGES.get(module, module)
-        raise LogError(f"{path}: {what} needs the package {package}: pip install 'uwserver[logs]'") from error
+        raise LogError(
+            f"{path}: {what}: the package {package} is missing: {install_command('uwserver[logs]')}"
+        ) from error
     except Exception as error:
         text = " ".join(str(error).split())[:_LONGEST]
         raise LogError(f"{path}: {what}: {text or 'damaged'} ({type(error).__name__})") from error

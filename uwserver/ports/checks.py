@@ -20,6 +20,8 @@ from uwserver.ports.values import Argument, ErrorCode, Field, Item, Items, Json,
 _LARGEST = sys.float_info.max
 _NUMERIC = ("float", "int", "bool")
 
+LISTED = 12
+"""Most names that an error text lists."""
 SHOWN = 80
 """Longest foreign name in an error text, characters."""
 COMPARED = 24
@@ -29,11 +31,28 @@ LONGEST_WORD = 256
 
 
 def find(kind: str, path: str, known: Mapping[str, object]) -> None:
-    """Refuse an unknown port or service path; the text suggests a similar one."""
+    """Refuse an unknown port or service path; the text suggests a similar one, or lists those of the same vehicle, or the vehicles."""
     if path not in known:
         code: ErrorCode = "unknown_service" if kind == "service" else "unknown_port"
         word = shown(path)
-        raise Refused(code, f'no {kind} "{word}"{suggestion(word, known)}; "describe" lists them all', word)
+        raise Refused(code, f'no {kind} "{word}"{suggestion(word, known) or _listed(word, known)}', word)
+
+
+def _listed(word: str, known: Iterable[str]) -> str:
+    """Return what there is, as much of it as a line can hold: the paths below the first level of a word, or the first levels."""
+    top = word.partition("/")[0] + "/"
+    beside = [path for path in known if path.startswith(top)]
+    if beside:
+        lead, names = "there are", beside
+    else:
+        lead, names = (
+            "paths begin with",
+            [f"{name}/" for name in dict.fromkeys(path.partition("/")[0] for path in known)],
+        )
+    if not names:
+        return "; there are none"
+    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+    return f"; {lead} {', '.join(names[:LISTED])}{more}"
 
 
 def shown(word: object) -> str:
@@ -265,7 +284,7 @@ def check_still(service: Service, args: Mapping[str, Json]) -> None:
     if args.keys() != {argument.name for argument in service.arguments}:
         raise Refused(
             "bad_argument",
-            f'"{service.path}" takes other arguments than when this was sent; "describe" lists them',
+            f'"{service.path}" takes other arguments than when this was sent: {", ".join(a.name for a in service.arguments) or "none"}',
             service.path,
         )
     for argument in service.arguments:

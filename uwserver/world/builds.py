@@ -7,6 +7,8 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Collection, Sequence
+from pathlib import Path
+from typing import NamedTuple
 
 from uwserver.physics.collision.engine import missing_engine
 from uwserver.physics.kernel import compiled
@@ -25,6 +27,8 @@ Tell = Callable[[str, bool], None]
 """Takes a line of progress, and whether it is the last one."""
 
 _PERIOD = 0.2  # s between two checks of the processes
+_SETTLED = 2.0
+"""Wall time (s) after which the pace so far is trusted: before, the processes import."""
 _PREFIX = "uwserver: compiling the physics for this machine, once"
 
 
@@ -64,19 +68,38 @@ def prepare(stages: Collection[str], tell: Tell) -> bool:
     return True
 
 
+class Progress(NamedTuple):
+    """How far a stage is: the processor time that its process has used, and `STAGES`' estimate of all that it will use, s."""
+
+    spent: float
+    estimate: float
+
+    def left(self, slowness: float) -> float:
+        """Return the processor time that is still needed, s. One that has used more than expected needs at least a tenth of that more.
+
+        Args:
+            slowness: of this machine: processor time over its estimate.
+        """
+        return max(slowness * self.estimate - self.spent, 0.1 * self.spent)
+
+
 def _run(todo: Sequence[str], workers: int, tell: Tell) -> None:
-    waiting, done = list(todo), 0.0
+    waiting, done = list(todo), list[Progress]()
     running: dict[str, subprocess.Popen[bytes]] = {}
+    spent: dict[str, float] = {}
     elapsed = 0.0
     try:
         while waiting or running:
             while waiting and len(running) < workers:
                 stage = waiting.pop(0)
                 running[stage] = start([stage])
-            for stage in [stage for stage, process in running.items() if process.poll() is not None]:
-                stop(running.pop(stage))
-                done += STAGES[stage]
-            left = _left([*waiting, *running], workers, done, elapsed)
+            for stage, process in [*running.items()]:
+                spent[stage] = processor_time(process.pid) or spent.get(stage, 0.0)
+                if process.poll() is not None:
+                    stop(running.pop(stage))
+                    done.append(Progress(spent[stage], STAGES[stage]))
+            under_way = [Progress(spent[stage], STAGES[stage]) for stage in running]
+            left = time_left([STAGES[stage] for stage in waiting], under_way, done, workers, elapsed)
             ready = len(todo) - len(waiting) - len(running)
             tell(f"{_PREFIX}: {ready} of {len(todo)} parts ready, about {left:.0f} s left", left == 0.0)
             if running:
@@ -89,14 +112,39 @@ def _run(todo: Sequence[str], workers: int, tell: Tell) -> None:
             stop(process)
 
 
-def _left(stages: Sequence[str], workers: int, done: float, elapsed: float) -> float:
-    """Return about how many seconds some stages will take, judged by the pace so far."""
-    if not stages:
+def time_left(
+    waiting: Sequence[float], running: Sequence[Progress], done: Sequence[Progress], workers: int, elapsed: float
+) -> float:
+    """Return about how much wall time (s) compiling will still take.
+
+    It is judged by the processor time that the machine has given so far, so that it stays true while other programs run beside it.
+
+    Args:
+        waiting: estimates of the stages that have not begun, s of processor time.
+        running, done: the other stages.
+        workers: how many processes run at a time.
+        elapsed: wall time since the beginning, s.
+    """
+    if not waiting and not running:
         return 0.0
-    whole = max(sum(STAGES[stage] for stage in stages) + done, 1e-9) / workers
-    longest = max(STAGES[stage] for stage in stages)
-    pace = max(1.0, elapsed * workers / done) if done else 1.0
-    return max(max(whole, longest) * pace - elapsed, 1.0)
+    known = sum(stage.estimate for stage in done)
+    slowness = sum(stage.spent for stage in done) / known if known and all(stage.spent for stage in done) else 1.0
+    needed = [stage.left(slowness) for stage in running]
+    spent = sum(stage.spent for stage in (*running, *done))
+    # Processor seconds a second: what the machine has given, once there is enough to tell.
+    given = spent / elapsed if elapsed > _SETTLED and spent > 0.0 else float(workers)
+    whole = (slowness * sum(waiting) + sum(needed)) / given
+    longest = max([*needed, *(slowness * estimate for estimate in waiting)])
+    return max(whole, longest * max(1.0, min(workers, len(running) or 1) / given), 1.0)
+
+
+def processor_time(pid: int) -> float:
+    """Return the processor time that a process has used, s; 0 where the system does not tell."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    except (OSError, ValueError, IndexError):
+        return 0.0
 
 
 def start(stages: Sequence[str], nice: int = 0) -> subprocess.Popen[bytes]:

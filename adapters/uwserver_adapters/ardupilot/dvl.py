@@ -10,7 +10,7 @@ from typing import Annotated, Any, cast
 
 from msgspec import Meta
 
-from uwserver.adapter import CannotServe, Reading
+from uwserver.adapter import CannotServe, Reading, install_command
 from uwserver.frames import Vec3
 from uwserver.table import Name, Positive, Table
 from uwserver_adapters.sil.codec import nanoseconds, seconds
@@ -60,7 +60,7 @@ class Movement:
         try:
             from pymavlink.dialects.v20 import ardupilotmega
         except ImportError as error:
-            raise CannotServe(f"dvl needs pymavlink: pip install uwserver ({error})") from error
+            raise CannotServe(f"dvl needs pymavlink: {install_command('uwserver')} ({error})") from error
         self._mav = ardupilotmega.MAVLink(None, table.system, table.component)
         self._worst = table.worst_mps
         self._dvl = dvl

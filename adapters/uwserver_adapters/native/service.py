@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
-from uwserver.adapter import AdapterContext, Lockout, Refusals, did_you_mean
+from uwserver.adapter import AdapterContext, Lockout, Refusals, check_path, did_you_mean, install_command
 from uwserver.adapter.pictures import EXTRA, can_encode_jpeg
 from uwserver.ports import Fault, Json, Refused, Reply
 from uwserver_adapters.native.codec import Codec
@@ -187,7 +187,7 @@ def _is_jpeg(form: object) -> bool:
         raise Refused("bad_argument", '"pictures" is "raw" or "jpeg"', "pictures")
     if form == "jpeg" and not can_encode_jpeg():
         raise Refused(
-            "bad_argument", f"JPEG needs a library for it where the server runs: pip install '{EXTRA}'", "pictures"
+            "bad_argument", f"JPEG needs a library for it where the server runs: {install_command(EXTRA)}", "pictures"
         )
     return form == "jpeg"
 
@@ -200,8 +200,7 @@ def _check_coverage(session: Session, pattern: str, fields: tuple[str, ...] | No
             raise Refused(
                 "bad_argument", f'"{pattern}" is an actuator: it gives no samples, send it a "command"', pattern
             )
-        hint = did_you_mean(pattern, ports)
-        raise Refused("unknown_port", f'no port "{pattern}"{hint}; "describe" lists them all', pattern)
+        check_path("port", pattern, ports)
     for field in fields or ():
         if covered and not any(has_any(ports[path], (field,)) for path in covered):
             there = list(dict.fromkeys(known.name for path in covered for known in ports[path].fields))

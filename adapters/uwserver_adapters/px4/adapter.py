@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from msgspec import field
 
-from uwserver.adapter import AdapterBase, CannotServe, bound_socket
+from uwserver.adapter import AdapterBase, CannotServe, bound_socket, install_command
 from uwserver.table import Name, NonNegative, PortNumber, Positive, Table
 from uwserver_adapters.px4.sensor_messages import Roles, SensorMessages
 from uwserver_adapters.sil.in_the_loop import Outputs, SilTable, drive, named_readings, stand_by
@@ -89,7 +89,7 @@ class Px4Adapter(AdapterBase[Px4Config]):
         try:
             from uwserver_adapters.px4 import driver  # needs pymavlink, an extra
         except ImportError as error:
-            raise CannotServe(f"px4_hil needs pymavlink: pip install uwserver ({error})") from error
+            raise CannotServe(f"px4_hil needs pymavlink: {install_command('uwserver')} ({error})") from error
         config, context = self.config, self.context
         ports = context.ports
         vehicle, readings, (pose, velocity, imu) = named_readings(config, ports)

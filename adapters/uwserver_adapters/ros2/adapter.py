@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING
 
-from uwserver.adapter import AdapterBase, CannotServe, Worker, serving
+from uwserver.adapter import AdapterBase, CannotServe, Worker, install_command, serving
 from uwserver_adapters.ros2.config import Ros2Config
 from uwserver_adapters.zenoh_session.config import ZenohConfig
 from uwserver_adapters.zenoh_session.session import open_session
@@ -54,7 +54,7 @@ class Ros2Adapter(AdapterBase[Ros2Config]):
         try:
             from uwserver_adapters.ros2.rmw_dds import DdsCarrier
         except ImportError as error:
-            raise CannotServe(f"{error.name} is not installed: pip install 'uwserver[dds]'") from error
+            raise CannotServe(f"{error.name} is not installed: {install_command('uwserver[dds]')}") from error
         sender = Worker("ros2 sender", stats)
         try:
             types = Types(config.ros_distro)

@@ -15,6 +15,7 @@ from uwserver.adapter import (
     CannotServe,
     Peers,
     address_text,
+    install_command,
     serve_tcp,
     serving,
 )
@@ -80,7 +81,7 @@ class VideoAdapter(AdapterBase[VideoConfig]):
         """Load the encoders before the world runs. It takes as long as hundreds of ticks, and cameras may come at any time."""
         codecs = {table.codec for table in self.config.streams.values()} or {self.config.codec}
         if "jpeg" in codecs and not can_encode_jpeg():
-            raise CannotServe(f"JPEG needs simplejpeg or Pillow: pip install '{EXTRA}'")
+            raise CannotServe(f"JPEG needs simplejpeg or Pillow: {install_command(EXTRA)}")
         if "h264" in codecs:
             importlib.import_module("av")
 

@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, TypeVar
 
-from uwserver.adapter import AdapterContext, AdapterStats, CannotServe, Worker, within
+from uwserver.adapter import AdapterContext, AdapterStats, CannotServe, Worker, install_command, within
 from uwserver_adapters.zenoh_session.config import ZenohConfig, endpoints, is_exposed, settings
 
 if TYPE_CHECKING:
@@ -165,7 +165,7 @@ def opened(config: ZenohConfig, listen: tuple[str, ...]) -> zenoh.Session:
     try:
         import zenoh
     except ImportError as error:
-        raise CannotServe(f"{error.name} is not installed: pip install uwserver") from error
+        raise CannotServe(f"{error.name} is not installed: {install_command('uwserver')}") from error
     try:
         made = zenoh.Config.from_file(config.config_file) if config.config_file else zenoh.Config()
     except zenoh.ZError as error:

@@ -10,7 +10,7 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, cast, runtime_checkable
 
-from uwclient.errors import CallRefused, ProtocolError, UwError
+from uwclient.errors import CallRefused, ProtocolError, UwError, install_command
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -67,7 +67,8 @@ class Buffer:
             np = importlib.import_module("numpy")
         except ImportError:
             raise UwError(
-                "Buffer.array needs numpy: pip install 'uwclient[numpy]' (or use Buffer.view)", code="missing_package"
+                f"Buffer.array needs numpy: {install_command('uwclient[numpy]')} (or use Buffer.view)",
+                code="missing_package",
             ) from None
         flat = np.frombuffer(self.data, np.dtype(self.dtype).newbyteorder("<"))
         return cast("NDArray[Any]", flat.reshape(self.shape))

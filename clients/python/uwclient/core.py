@@ -14,7 +14,7 @@ from typing import Protocol, Union, cast
 
 from uwclient import wire
 from uwclient.buffers import as_binary, as_text
-from uwclient.errors import CallRefused, ProtocolError, UwError
+from uwclient.errors import CallRefused, ProtocolError, UwError, install_command
 from uwclient.ports import Event, Progress, Sample
 from uwclient.wire import RequestId
 
@@ -102,7 +102,7 @@ class MsgpackFrames:
             self._msgpack = cast(_Msgpack, importlib.import_module("msgpack"))
         except ImportError:
             raise UwError(
-                'encoding="msgpack" needs the msgpack package: pip install \'uwclient[msgpack]\' (or use "json")',
+                f'encoding="msgpack" needs the msgpack package: {install_command("uwclient[msgpack]")} (or use "json")',
                 code="missing_package",
             ) from None
         self._rest = bytearray()

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import shlex
+import shutil
+import sys
+from pathlib import Path
+
 
 class UwError(Exception):
     """The base of all errors that uwclient raises.
@@ -37,3 +42,12 @@ class Timeout(UwError):
 
 class ProtocolError(UwError):
     """The peer does not speak the protocol of uwserver."""
+
+
+def install_command(requirement: str) -> str:
+    """Return the shell command that installs a package for the Python that runs: the first `pip` on PATH often installs elsewhere."""
+    python, here, pip = Path(sys.executable or "python"), Path.cwd(), shutil.which("pip")
+    if not sys.executable or (pip is not None and Path(pip).parent == python.parent):
+        return f'pip install "{requirement}"'
+    name = python.relative_to(here) if python.is_relative_to(here) else python
+    return f'{shlex.quote(str(name))} -m pip install "{requirement}"'

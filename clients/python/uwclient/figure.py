@@ -6,7 +6,7 @@ import importlib
 from collections.abc import Sequence
 from typing import Any
 
-from uwclient.errors import UwError
+from uwclient.errors import UwError, install_command
 from uwclient.ports import Port, Sample
 
 
@@ -66,5 +66,7 @@ def _module(name: str) -> Any:
         return importlib.import_module(name)
     except ImportError:
         raise UwError(
-            "plotting needs matplotlib: pip install 'uwclient[plot]'", code="missing_package", where="matplotlib"
+            f"plotting needs matplotlib: {install_command('uwclient[plot]')}",
+            code="missing_package",
+            where="matplotlib",
         ) from None

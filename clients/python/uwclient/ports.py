@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from uwclient import wire
 from uwclient.buffers import Buffer, unpacked
-from uwclient.errors import UwError
+from uwclient.errors import UwError, install_command
 
 if TYPE_CHECKING:
     import numpy
@@ -261,7 +261,8 @@ class Sample:
             np = importlib.import_module("numpy")
         except ImportError:
             raise UwError(
-                "Sample.array needs numpy: pip install 'uwclient[numpy]' (or use Sample.vector)", code="missing_package"
+                f"Sample.array needs numpy: {install_command('uwclient[numpy]')} (or use Sample.vector)",
+                code="missing_package",
             ) from None
         return cast("NDArray[numpy.float64]", np.asarray(value, dtype=np.float64))
 

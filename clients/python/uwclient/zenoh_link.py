@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 from uwclient import wire
-from uwclient.errors import UwError
+from uwclient.errors import UwError, install_command
 from uwclient.zenoh_frames import Frames, RequestId
 from uwclient.zenoh_place import ZenohPlace, session_config
 
@@ -40,7 +40,7 @@ def dial_zenoh(place: ZenohPlace, timeout: float, arrived: Callable[[], None] = 
         zenoh: Any = importlib.import_module("zenoh")
     except ImportError:
         raise UwError(
-            "zenoh needs the eclipse-zenoh package: pip install 'uwclient[zenoh]'", code="missing_package"
+            f"zenoh needs the eclipse-zenoh package: {install_command('uwclient[zenoh]')}", code="missing_package"
         ) from None
     frames = Frames(place.encoding)
     config = session_config(zenoh, place)

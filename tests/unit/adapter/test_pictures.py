@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import io
+import re
 
 import numpy as np
 import pytest
 
 from uwserver.adapter import pictures
 from uwserver.adapter.pictures import FAR_MM, can_encode_jpeg, jpeg, picture_place, pixels
+from uwserver.packages import install_command
 from uwserver.ports import Buffer, Field, Layout, Port
 
 Image = pytest.importorskip("PIL.Image", reason="Pillow is not installed")
@@ -93,5 +95,5 @@ def test_jpeg_shows_the_picture(library, shape, monkeypatch):
 def test_without_a_library_it_says_what_to_install(monkeypatch):
     monkeypatch.setattr(pictures, "_jpeg_library", lambda: "")
     assert not can_encode_jpeg()
-    with pytest.raises(RuntimeError, match=r"pip install 'uwserver\[pictures\]'"):
+    with pytest.raises(RuntimeError, match=re.escape(install_command("uwserver[pictures]"))):
         jpeg(np.zeros((8, 8), np.uint8))

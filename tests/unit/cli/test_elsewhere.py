@@ -43,7 +43,7 @@ def test_the_list_of_commands_stays_whole(installed, entry: str | None) -> None:
     done = CliRunner().invoke(cli.main, ["--help"])
     assert done.exit_code == 0
     assert "validate" in done.output
-    assert "pip install" in done.output
+    assert "needs uwserver-bench" in done.output
 
 
 def test_one_that_is_there_is_used(installed) -> None:

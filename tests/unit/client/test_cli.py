@@ -13,6 +13,7 @@ import pytest
 import uwclient
 from uwclient import live
 from uwclient.cli import main
+from uwclient.errors import install_command
 from uwclient_fake_server import FakeServer
 
 U = "u=[0.1,0.1,0.1,0.1,0,0,0,0]"
@@ -138,7 +139,7 @@ def test_plot_without_matplotlib(
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     assert run(server, "plot", "rov/imu", "f_S", "--out", "x.png") == 1
-    assert "pip install 'uwclient[plot]'" in capsys.readouterr().err
+    assert install_command("uwclient[plot]") in capsys.readouterr().err
     assert server.told("subscribe") == []
 
 

@@ -143,20 +143,28 @@ def test_a_known_path_is_found():
 @pytest.mark.parametrize(
     ("kind", "path", "code", "text"),
     [
-        ("port", "rov/imo", "unknown_port", 'no port "rov/imo" (did you mean "rov/imu"?); "describe" lists them all'),
+        ("port", "rov/imo", "unknown_port", 'no port "rov/imo" (did you mean "rov/imu"?)'),
+        ("port", "rov/sonar", "unknown_port", 'no port "rov/sonar"; there are rov/imu'),
         (
             "service",
             "rov/imo",
             "unknown_service",
-            'no service "rov/imo" (did you mean "rov/imu"?); "describe" lists them all',
+            'no service "rov/imo" (did you mean "rov/imu"?)',
         ),
-        ("port", "xyz", "unknown_port", 'no port "xyz"; "describe" lists them all'),
-        ("port", "", "unknown_port", 'no port ""; "describe" lists them all'),
+        ("port", "xyz", "unknown_port", 'no port "xyz"; paths begin with rov/'),
+        ("port", "", "unknown_port", 'no port ""; paths begin with rov/'),
     ],
 )
 def test_an_unknown_path(kind, path, code, text):
     fault = refusal(find, kind, path, {"rov/imu": IMU})
     assert (fault.code, fault.where, fault.text) == (code, path, text)
+
+
+def test_of_many_paths_some_are_listed():
+    many = {f"rov/{k:04}": None for k in range(20)}
+    told = refusal(find, "service", "rov/xyz", many).text
+    assert told.endswith("rov/0010, rov/0011 and 8 more")
+    assert refusal(find, "port", "a/b", {}).text == 'no port "a/b"; there are none'
 
 
 def test_suggestion_of_nothing():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from uwserver.physics.kernel import compiled
 from uwserver.physics.kernel.compiled import CacheState
 from uwserver.world import builds, warm
+from uwserver.world.builds import Progress
 
 
 @pytest.fixture
@@ -88,11 +90,32 @@ def test_a_process_that_has_compiled_ends_well() -> None:
 
 
 @pytest.mark.parametrize(
-    ("stages", "workers", "done", "elapsed", "left"),
-    [((), 2, 10.0, 9.0, 0.0), (("fins",), 2, 0.0, 0.0, 12.0), (("fins", "free"), 1, 0.0, 5.0, 15.0), (("sea",), 1, 8.0, 16.0, 8.0)],
+    ("waiting", "running", "done", "workers", "elapsed", "left"),
+    [
+        ((), (), (Progress(8.0, 8.0),), 2, 9.0, 0.0),
+        ((), (Progress(0.0, 12.0),), (), 2, 0.0, 12.0),
+        ((8.0,), (Progress(0.0, 12.0),), (), 1, 0.0, 20.0),
+        ((), (Progress(6.0, 12.0),), (), 1, 6.0, 6.0),
+        # Another program takes half of the processor: what is left takes twice as long, whatever the wall clock says.
+        ((), (Progress(6.0, 12.0),), (), 1, 12.0, 12.0),
+        # A slower machine, as the stage that is done shows.
+        ((4.0,), (), (Progress(16.0, 8.0),), 1, 16.0, 8.0),
+        # Longer than expected: never "1 s" for minutes.
+        ((), (Progress(60.0, 12.0),), (), 1, 180.0, 18.0),
+        # A system that does not tell processor times.
+        ((), (Progress(0.0, 12.0),), (Progress(0.0, 8.0),), 2, 30.0, 12.0),
+    ],
 )  # fmt: skip
-def test_what_is_left(stages: tuple[str, ...], workers: int, done: float, elapsed: float, left: float) -> None:
-    assert builds._left(stages, workers, done, elapsed) == pytest.approx(left)
+def test_the_time_that_is_left(waiting, running, done, workers, elapsed, left) -> None:
+    assert builds.time_left(waiting, running, done, workers, elapsed) == pytest.approx(left)
+
+
+def test_the_processor_time_of_a_process() -> None:
+    before = builds.processor_time(os.getpid())
+    sum(range(3_000_000))
+    if before:  # Linux
+        assert builds.processor_time(os.getpid()) > before
+    assert builds.processor_time(2**30) == 0.0
 
 
 def test_a_process_ends_with_who_started_it_and_when_it_is_stopped() -> None:

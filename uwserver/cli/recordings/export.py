@@ -19,6 +19,7 @@ from uwserver.logfiles.mapping import Mapping, read_mapping
 from uwserver.logfiles.poses import FoundTrack, pose_tracks
 from uwserver.logfiles.readers.opening import open_parts
 from uwserver.logfiles.rules import mapping_of
+from uwserver.packages import install_command
 from uwserver.ports import matching
 from uwserver.recording.format import EVENTS
 
@@ -83,9 +84,8 @@ def export(file: Path, kind: str, output: Path | None, topics: tuple[str, ...], 
                 remarks = _write_whole(log, kind, target, topics, mapping)
     except ImportError as error:
         package = (error.name or str(error)).split(".")[0]
-        raise click.ClickException(
-            f"writing it needs {package}: pip install 'uwserver[{_EXTRAS.get(package, 'logs')}]'"
-        ) from error
+        command = install_command(f"uwserver[{_EXTRAS.get(package, 'logs')}]")
+        raise click.ClickException(f"writing it needs {package}: {command}") from error
     for line in remarks:
         click.echo(printable(line), err=True)
     click.echo(f"wrote {target}")

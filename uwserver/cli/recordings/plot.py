@@ -14,6 +14,7 @@ from msgspec import UNSET
 import uwserver
 from uwserver.cli.loading import require_kind
 from uwserver.cli.terminal import FILE, told
+from uwserver.packages import install_command
 from uwserver.ports import Buffer, Port, Refused, Sample
 from uwserver.ports.checks import suggestion
 from uwserver.recording.channels import message_of
@@ -36,7 +37,7 @@ _PICTURE = "PNG, SVG or PDF file to write; default: the name of the"
 
 def _require_matplotlib() -> None:
     if importlib.util.find_spec("matplotlib") is None:
-        raise click.ClickException("drawing needs matplotlib: pip install 'uwserver[plot]'")
+        raise click.ClickException(f"drawing needs matplotlib: {install_command('uwserver[plot]')}")
 
 
 def _save(figure: Figure, file: Path) -> None:
@@ -58,7 +59,7 @@ class _Plot(click.Group):
 def plot() -> None:
     """Write a report on a recording (`uwserver plot run.mcap`), or draw the samples of a sensor, or a vehicle.
 
-    Pictures need the extra `plot`: pip install 'uwserver[plot]'. The HTML page of a report needs no extra.
+    Pictures need the extra `plot`. The HTML page of a report needs no extra.
     """
 
 

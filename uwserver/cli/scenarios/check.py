@@ -104,7 +104,7 @@ def summary(file: str, resolved: Resolved) -> str:
         ]
     ]
     adapters = [
-        f"{name} ({config.__struct_config__.tag}{f', port {port}' if (port := getattr(config, 'port', None)) is not None else ''})"
+        f"{name} ({config.__struct_config__.tag}{f', port {port}' if isinstance(port := getattr(config, 'port', None), int) else ''})"
         for name, config in scenario.adapters.items()
     ]
     return (

@@ -18,8 +18,10 @@ import msgspec
 
 from uwserver.adapter import Token, is_loopback, known_token, new_token
 from uwserver.cli.loading import alike, loaded, require_packages, with_adapter, with_changes
+from uwserver.cli.port_holder import holder_of
 from uwserver.cli.serving.web_view import address_lines, open_page, with_token, with_view_token, with_web_view
 from uwserver.cli.terminal import LOG_LEVEL, SECONDS, Number, rotated, styled
+from uwserver.packages import install_command
 
 if TYPE_CHECKING:
     from uwserver.recording.parts import Rotation
@@ -95,6 +97,7 @@ def run(
         logging.getLogger(__name__).warning("%s", warning)
     require_packages(resolved)
     resolved = with_address(resolved, port, bind, allow_origin)
+    _check_port(resolved)
     if metrics_bind is not None:
         server = msgspec.structs.replace(resolved.scenario.server, metrics_bind=metrics_bind)
         resolved = with_changes(resolved, server=server)
@@ -150,7 +153,7 @@ def _run_loop(resolved: Resolved, options: Options) -> int:
     try:
         import uvloop
     except ImportError:
-        raise click.UsageError("[server] uvloop = true needs it: pip install 'uwserver[uvloop]'") from None
+        raise click.UsageError(f"[server] uvloop = true needs it: {install_command('uwserver[uvloop]')}") from None
     return uvloop.run(serve())
 
 
@@ -164,6 +167,18 @@ def with_address(resolved: Resolved, port: int | None, bind: str | None, origins
     if not name:
         raise click.UsageError("--port, --bind and --allow-origin need a sockets adapter in the scenario")
     return with_adapter(resolved, name, msgspec.structs.replace(config, **changes))
+
+
+def _check_port(resolved: Resolved) -> None:
+    """Raise a ClickException if another program has the port of the first sockets adapter: told before anything is compiled or started."""
+    name, config = _first_sockets(resolved)
+    if not name or not config.required:
+        return
+    holder = holder_of(config.bind, config.port)
+    if holder is not None:
+        raise click.ClickException(
+            f"TCP port {config.port} is taken by {holder}: end it, or add --port 0, which takes a free port"
+        )
 
 
 def _first_sockets(resolved: Resolved) -> tuple[str, Any]:

@@ -106,9 +106,10 @@ def _epoch(head: Mapping[str, str]) -> int | None:
 
 
 class _Channels:
-    """The channels of a file by topic, and how they are decoded."""
+    """The channels of a file by topic, and how they are decoded; `is_own` tells that the file is a recording of ours."""
 
-    def __init__(self, channels: Mapping[int, Any], schemas: Mapping[int, Any]) -> None:
+    def __init__(self, channels: Mapping[int, Any], schemas: Mapping[int, Any], is_own: bool) -> None:
+        self._is_own = is_own
         self.by_topic: dict[str, list[int]] = {}
         self.decodings: dict[int, Decoding] = {}
         self.schema_of: dict[int, str] = {}
@@ -135,7 +136,9 @@ class _Channels:
             with foreign(Path(channel.topic), "its schema cannot be used"):
                 found = decoding(channel.message_encoding, *about)
         except LogError as error:
-            self.remarks.append(f"{error}: its messages are given as bytes")
+            # Channels for viewers in a recording of ours repeat what its own channels say, which need no package.
+            if not (self._is_own and isinstance(error.__cause__, ImportError)):
+                self.remarks.append(f"{error}; until then its messages are given as bytes")
             return undecoded("")
         if found.remark:
             self.remarks.append(f"{channel.topic}: {found.remark}")
@@ -164,7 +167,7 @@ class _Indexed:
         self._begin = 0 if head else min(first, LAST_NS)
         self.start_ns, self.end_ns = min(first, LAST_NS) - self._begin, min(last, LAST_NS) - self._begin
         self.epoch_ns = _epoch(head) if head else self._begin if self._begin >= FIRST_UTC_NS else None
-        self._channels = _Channels(summary.channels, summary.schemas)
+        self._channels = _Channels(summary.channels, summary.schemas, bool(head))
         self._topic_of = {number: name for name, numbers in self._channels.by_topic.items() for number in numbers}
         counts = {} if summary.statistics is None else summary.statistics.channel_message_counts
         self.topics: Mapping[str, Topic] = {
@@ -292,7 +295,7 @@ def _scanned(path: Path, records: Records, is_cut: bool, limits: Limits, close: 
     _check_count(path, len(scan.channels), limits)
     remarks = ["the file has no whole index (it was cut, is still being written, or is damaged): all of it was read"]
     remarks = [*(remarks if is_cut else []), *scan.remarks]
-    known = _Channels(scan.channels, scan.schemas)
+    known = _Channels(scan.channels, scan.schemas, bool(scan.head))
     topic_of = {n: k for k, of in enumerate(known.by_topic.values()) for n in of}
     described = np.array([n in topic_of for n in scan.numbers], bool)
     if lost := int((~described).sum()):

@@ -11,6 +11,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from uwserver.frames import multiply
+from uwserver.packages import install_command
 from uwserver.physics.geometry.shapes import Capsule, Cylinder, Placed
 from uwserver.physics.kernel.arrays import FloatArray
 
@@ -64,13 +65,13 @@ def missing_engine(name: str = AUTO, instead: bool = True) -> str | None:
     if name == AUTO:
         if any(find_spec(package) for package in _PACKAGES.values()):
             return None
-        return 'neither pybullet nor coal is installed: pip install "uwserver[solid]"'
+        return f"neither pybullet nor coal is installed: {install_command('uwserver[solid]')}"
     package = _PACKAGES[name]
     if find_spec(package):
         return None
     others = [other for other in ENGINES if other != name and find_spec(_PACKAGES[other])]
     choice = f', or choose engine = "{others[0]}", which is installed' if others and instead else ""
-    return f'the engine "{name}" needs {package}: pip install {package}{choice}'
+    return f'the engine "{name}" needs {package}: {install_command(package)}{choice}'
 
 
 def chosen_engine(name: str = AUTO) -> str:

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from importlib.util import find_spec
 from typing import NamedTuple
 
 from msgspec import UNSET
 
 from uwserver.adapter import AdapterTable
+from uwserver.packages import install_command
 from uwserver.physics.collision.engine import AUTO, missing_engine
 from uwserver.scenario.load.tables import Scenario
 from uwserver.scenario.solids.tables import GridSeabed
 
-_OWN = re.compile(r"uwserver(?:\[(\w+)\])?")
-"""Requirement for this distribution itself or one of its extras."""
 _SOLID = "uwserver[solid]"
 _ENGINES = {
     AUTO: ("pybullet or coal", _SOLID),
@@ -56,17 +54,7 @@ def missing_extras(scenario: Scenario, is_solid: bool) -> Missing | None:
     if not absent:
         return None
     names = dict.fromkeys(module.partition(".")[0] for module in absent)
-    return Missing(tuple(names), install_command(absent.values()))
-
-
-def install_command(requirements: Iterable[str]) -> str:
-    """Return one shell command that installs all requirements, with our own extras in one requirement."""
-    wanted = sorted(set(requirements))
-    own = [found[1] for each in wanted if (found := _OWN.fullmatch(each))]
-    extras = ",".join(extra for extra in own if extra)
-    whole = [f"uwserver[{extras}]" if extras else "uwserver"] if own else []
-    whole += [each for each in wanted if not _OWN.fullmatch(each)]
-    return "pip install " + " ".join(each if each.isidentifier() else f'"{each}"' for each in whole)
+    return Missing(tuple(names), install_command(*absent.values()))
 
 
 def _needed(scenario: Scenario, is_solid: bool) -> Mapping[str, str]:

@@ -16,6 +16,7 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
+from uwserver.packages import install_command
 from uwserver.physics.geometry.shapes import HULL_POINTS, TILE_TRIANGLES, BadSolid, ConvexHull, TriangleMesh, has_area
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.scenario.files.documents import opened, read_whole
@@ -137,7 +138,7 @@ def _read(path: Path) -> Any:
     try:
         import trimesh
     except ImportError as error:
-        raise BadSolid('mesh files need the extra "solid": pip install "uwserver[solid]"') from error
+        raise BadSolid(f'mesh files need the extra "solid": {install_command("uwserver[solid]")}') from error
     try:
         kind, beside = path.suffix.lower()[1:], cast("Any", SiblingFiles(path))
         scene = trimesh.load_scene(io.BytesIO(data), kind, resolver=beside, process=False, skip_materials=True)

@@ -19,6 +19,7 @@ import numpy as np
 from msgspec import UNSET
 
 from uwserver.environment.earth import north_east
+from uwserver.packages import install_command
 from uwserver.physics.geometry.shapes import TILE_TRIANGLES, BadSolid, TriangleMesh
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.scenario.files.documents import is_plain, opened, why_not
@@ -224,7 +225,7 @@ def _opened(path: Path) -> Iterator[Any]:
         reader, *below = (cast("Any", importlib.import_module(name)) for name in modules)
     except ImportError as error:
         extra = "solid" if classic else "netcdf"
-        raise BadSolid(f'"{path.name}" needs the extra "{extra}": pip install "uwserver[{extra}]"') from error
+        raise BadSolid(f'"{path.name}" needs the extra "{extra}": {install_command(f"uwserver[{extra}]")}') from error
     try:
         if classic:
             with reader.netcdf_file(str(path), mmap=False) as file:

@@ -9,6 +9,7 @@ from typing import Any
 
 from msgspec import UNSET
 
+from uwserver.packages import install_command
 from uwserver.physics.collision.engine import AUTO, missing_engine
 from uwserver.physics.geometry.shapes import (
     Box,
@@ -40,7 +41,7 @@ def missing_engines(engine: str = AUTO) -> str | None:
         engine: for contacts, as in `[world]`.
     """
     if find_spec("scipy") is None:
-        return 'solids need the package scipy: pip install "uwserver[solid]"'
+        return f"solids need the package scipy: {install_command('uwserver[solid]')}"
     missing = missing_engine(engine)
     return f"solids need an engine for contacts: {missing}" if missing else None
 

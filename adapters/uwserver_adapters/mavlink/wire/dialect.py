@@ -13,6 +13,7 @@ from typing import Any
 
 from msgspec import Struct
 
+from uwserver.adapter import install_command
 from uwserver.frames import Vec3
 from uwserver_adapters.mavlink.wire.codec import vec3
 
@@ -223,7 +224,7 @@ class Dialect:
             vehicle = importlib.import_module("pymavlink.dialects.v20.ardupilotmega")
             newer = importlib.import_module("pymavlink.dialects.v20.development")
         except ImportError as error:
-            raise CannotSpeak(f"MAVLink needs pymavlink: pip install uwserver ({error})") from error
+            raise CannotSpeak(f"MAVLink needs pymavlink: {install_command('uwserver')} ({error})") from error
         definitions = dict(vehicle.mavlink_map)
         for definition in newer.mavlink_map.values():
             if definition.msgname in _NEWER:

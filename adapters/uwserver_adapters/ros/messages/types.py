@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from uwserver.adapter import MESSAGE_LIMIT, CannotServe
+from uwserver.adapter import MESSAGE_LIMIT, CannotServe, install_command
 from uwserver_adapters.ros.messages.definitions import ACTIONS, MESSAGES, NEWER_MESSAGES, NEWER_REQUESTS, SERVICES
 
 DISTROS: dict[str, str] = {
@@ -69,7 +69,7 @@ class Types:
         try:
             from rosbags.typesys import Stores, get_typestore
         except ImportError as error:
-            raise CannotServe(f"{error.name} is not installed: pip install 'uwserver[ros]'") from error
+            raise CannotServe(f"{error.name} is not installed: {install_command('uwserver[ros]')}") from error
         if distro not in DISTROS:
             raise CannotServe(f'no distribution "{distro}", there are: {", ".join(DISTROS)}')
         self.distro = distro

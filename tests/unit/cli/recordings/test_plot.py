@@ -15,6 +15,7 @@ from playback_rig import recorded
 from run_rig import recorded_run
 
 from uwserver.cli.recordings.plot import plot
+from uwserver.packages import install_command
 from uwserver.ports import Buffer, Field, Port, Sample
 from uwserver.ports.buffer import Layout
 from uwserver.recording.channels import message_of
@@ -211,7 +212,7 @@ def test_without_matplotlib_it_says_what_to_install(folder: Path, monkeypatch: p
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     result = run(folder, "x.mcap", "rov/sonar")
     assert result.exit_code == 1
-    assert "pip install 'uwserver[plot]'" in result.output
+    assert install_command("uwserver[plot]") in result.output
 
 
 def samples(port: Port, n: int) -> list[Sample]:

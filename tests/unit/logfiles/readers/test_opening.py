@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from uwserver.cli.recordings.log import log_command
 from uwserver.logfiles import LogError, open_log
 from uwserver.logfiles.log import foreign
 from uwserver.logfiles.readers.opening import open_parts
+from uwserver.packages import install_command
 from uwserver.recording.parts import Rotation
 from uwserver.recording.player.importing import import_log
 from uwserver.recording.player.track import Track
@@ -48,7 +50,9 @@ def test_what_is_no_log_is_told(tmp_path, content):
 def test_a_missing_package_is_told_with_what_brings_it(tmp_path, monkeypatch, begin, name, module, package):
     monkeypatch.setitem(sys.modules, module, None)
     (tmp_path / name).write_bytes(begin)
-    with pytest.raises(LogError, match=rf"needs the package {package}: pip install 'uwserver\[logs\]'"):
+    with pytest.raises(
+        LogError, match=re.escape(f"the package {package} is missing: {install_command('uwserver[logs]')}")
+    ):
         open_log(tmp_path / name)
 
 

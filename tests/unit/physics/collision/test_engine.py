@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from uwserver.frames import quat_from_rpy
+from uwserver.packages import install_command
 from uwserver.physics.collision import engine
 from uwserver.physics.collision.engine import ENGINES, chosen_engine, missing_engine
 from uwserver.physics.collision.solids import Solids
@@ -35,13 +36,13 @@ def test_what_is_missing_is_named_with_the_remedy(monkeypatch: pytest.MonkeyPatc
     install(monkeypatch, ["coal"])
     assert missing_engine() is None
     assert missing_engine("coal") is None
-    text = 'the engine "bullet" needs pybullet: pip install pybullet, or choose engine = "coal", which is installed'
+    text = f'the engine "bullet" needs pybullet: {install_command("pybullet")}, or choose engine = "coal", which is installed'
     assert missing_engine("bullet") == text
     with pytest.raises(ImportError, match=text):
         WaysOut("bullet")
     install(monkeypatch, [])
-    assert missing_engine() == 'neither pybullet nor coal is installed: pip install "uwserver[solid]"'
-    assert missing_engine("coal") == 'the engine "coal" needs coal: pip install coal'
+    assert missing_engine() == f"neither pybullet nor coal is installed: {install_command('uwserver[solid]')}"
+    assert missing_engine("coal") == f'the engine "coal" needs coal: {install_command("coal")}'
 
 
 def test_a_name_that_is_none() -> None:

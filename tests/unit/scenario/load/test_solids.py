@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from uwserver.environment.earth import north_east
+from uwserver.packages import install_command
 from uwserver.physics.collision import engine
 from uwserver.physics.collision.solids import Solids
 from uwserver.physics.geometry.shapes import (
@@ -219,7 +220,10 @@ def test_an_engine_that_is_not_installed_and_one_that_is_none(problems, monkeypa
     assert "engine" in problems('[world]\nengine = "odd"\n')
     monkeypatch.setattr(engine, "find_spec", lambda name: None if name == "coal" else name)
     told = problems('[world]\nengine = "coal"\n[seabed]\nkind = "flat"\ndepth_m = 5.0\n')
-    assert 'the engine "coal" needs coal: pip install coal, or choose engine = "bullet", which is installed' in told
+    assert (
+        f'the engine "coal" needs coal: {install_command("coal")}, or choose engine = "bullet", which is installed'
+        in told
+    )
 
 
 def test_half_an_origin(problems):

@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from uwserver.packages import install_command
 from uwserver.physics.collision import engine
 from uwserver.physics.geometry.shapes import (
     BadSolid,
@@ -147,9 +148,9 @@ def test_what_is_missing_is_named_with_the_remedy(monkeypatch: pytest.MonkeyPatc
     assert missing_engines() is None
     gone = {"scipy"}
     monkeypatch.setattr(shapes, "find_spec", lambda name: None if name in gone else name)
-    assert missing_engines() == 'solids need the package scipy: pip install "uwserver[solid]"'
+    assert missing_engines() == f"solids need the package scipy: {install_command('uwserver[solid]')}"
     gone.clear()
     monkeypatch.setattr(engine, "find_spec", lambda name: None if name == "coal" else name)
     assert missing_engines() is None
-    text = 'the engine "coal" needs coal: pip install coal, or choose engine = "bullet", which is installed'
+    text = f'the engine "coal" needs coal: {install_command("coal")}, or choose engine = "bullet", which is installed'
     assert missing_engines("coal") == f"solids need an engine for contacts: {text}"

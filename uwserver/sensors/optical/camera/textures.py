@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from uwserver.packages import install_command
+
 MOST_PIXELS = 4096 * 4096
 """Most pixels of one picture."""
 MOST_BYTES = 256 << 20
@@ -48,7 +50,7 @@ def decoded(data: bytes, budget: ByteBudget) -> Picture:
     try:
         from PIL import Image
     except ImportError as error:
-        raise BadTexture("textures need the extra \"pictures\": pip install 'uwserver[pictures]'") from error
+        raise BadTexture(f'textures need the extra "pictures": {install_command("uwserver[pictures]")}') from error
     try:
         with Image.open(io.BytesIO(data), formats=("PNG", "JPEG")) as picture:
             width, height = picture.size
