@@ -18,7 +18,8 @@ from uwserver.cli.recordings.vehicle_picture import vehicle_picture
 from uwserver.scenario.vehicle.body import body_params
 from uwserver.scenario.world.tables import Environment
 from uwserver.units import deg
-from uwserver.validation.manoeuvres.report import NONE_FOUND, Comparison, Report, markdown, report, resolve
+from uwserver.validation.manoeuvres.pages import NONE_FOUND, markdown
+from uwserver.validation.manoeuvres.report import Comparison, Report, report, resolve
 
 ROOT = Path(__file__).parents[1]
 TOOL = Path(__file__)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import shutil
+import sys
 from pathlib import Path
 
 import click
 
-from uwserver.cli.terminal import FILE, told
+from uwserver.cli.terminal import FILE, styled, told
 from uwserver.scenario.files.errors import ScenarioError
-from uwserver.validation.manoeuvres.report import as_json, markdown, report
+from uwserver.validation.manoeuvres.pages import markdown, plain
+from uwserver.validation.manoeuvres.report import as_json, report
 from uwserver.validation.oracle import OracleResult
 from uwserver.validation.oracle import validate as validate_oracle
 
@@ -83,9 +86,17 @@ def _table(results: dict[str, OracleResult]) -> str:
     type=click.FloatRange(500.0, 1500.0),
     help="Density of the water in kg/m3.",
 )
-@click.option("--json", "json_wanted", is_flag=True, help="Print JSON (SI, radians) instead of markdown.")
-def manoeuvres(vehicle: str, density: float, json_wanted: bool) -> None:
+@click.option("--json", "json_wanted", is_flag=True, help="Print JSON (SI, radians).")
+@click.option(
+    "--markdown",
+    "markdown_wanted",
+    is_flag=True,
+    help="Print Markdown; also the default where the output is no terminal.",
+)
+def manoeuvres(vehicle: str, density: float, json_wanted: bool, markdown_wanted: bool) -> None:
     """Run the manoeuvres of VEHICLE and print the report. VEHICLE is a shipped vehicle or a vehicle file.
+
+    The report begins with a verdict: what stands out, why, and what to change in the file.
 
     The manoeuvres are straight line, turning circle, zig-zag, dive, free decay, stop and others. They run open loop in still water. The
     report compares them with the [[published]] figures of the real vehicle in its file, and says which manoeuvres do not apply.
@@ -93,4 +104,13 @@ def manoeuvres(vehicle: str, density: float, json_wanted: bool) -> None:
     """
     with told(vehicle, ScenarioError, FloatingPointError):
         found = report(vehicle, density)
-    click.echo(json.dumps(as_json(found), indent=2) if json_wanted else markdown(found), nl=json_wanted)
+    if json_wanted:
+        click.echo(json.dumps(as_json(found), indent=2))
+    elif markdown_wanted or not sys.stdout.isatty():
+        click.echo(markdown(found), nl=False)
+    else:
+        click.echo(plain(found, shutil.get_terminal_size().columns, _styled), nl=False)
+
+
+def _styled(text: str, style: str) -> str:
+    return styled(text, bold=True) if style == "title" else styled(text, fg="yellow")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
 from click import Context
 from click.testing import CliRunner
 from manoeuvre_rig import TORPEDO, written
@@ -63,6 +64,20 @@ def test_the_report_is_a_page_or_json(tmp_path: Path) -> None:
     assert "In water of 1000 kg/m3" in page.output
     tree = json.loads(CliRunner().invoke(main, ["manoeuvres", file, "--json"]).output)
     assert (tree["name"], tree["density_kgpm3"]) == ("craft", 1025.0)
+
+
+def test_a_terminal_gets_aligned_tables_and_markdown_on_request(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = str(written(tmp_path, TORPEDO))
+    monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "90")
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    for options, begins in (((), "craft\nA box.\n\nVerdict\n"), (("--markdown",), "# craft\n")):
+        main(["manoeuvres", file, *options], standalone_mode=False)
+        shown = capsys.readouterr().out
+        assert shown.startswith(begins)
+        assert ("|" in shown) == bool(options)
 
 
 def test_a_fault_is_told_with_its_place(tmp_path: Path) -> None:

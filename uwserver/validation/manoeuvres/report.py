@@ -32,8 +32,7 @@ from uwserver.validation.manoeuvres.runs import (
     turn_told,
 )
 from uwserver.validation.manoeuvres.trials import RUDDER, turning_circle, zig_zag
-
-NONE_FOUND = "none found"
+from uwserver.validation.manoeuvres.verdicts import Verdict, lines_of, verdicts
 
 
 @dataclass(frozen=True)
@@ -52,6 +51,7 @@ class Report:
 
     Attributes:
         floats: whether the vehicle is a surface vessel.
+        verdicts: what stands out, with its cause and what to change.
         guesses: how many groups of numbers of its hull and devices are guesses.
         groups: how many such groups there are.
     """
@@ -65,6 +65,7 @@ class Report:
     particulars: tuple[Particular, ...]
     comparisons: tuple[Comparison, ...]
     trials: tuple[Trial, ...]
+    verdicts: tuple[Verdict, ...] = ()
 
     def trial(self, key: str) -> Trial:
         """Return a trial by its key."""
@@ -113,7 +114,10 @@ def report(model: str, density_kgpm3: float = 1025.0) -> Report:
     )
     numbers = tuple(particulars(resolved, body, helm))
     without = Report(file.name, file.description, density_kgpm3, waters.floats, *guesses(resolved), numbers, (), done)
-    return replace(without, comparisons=tuple(_comparisons(without, helm, published)))
+    comparisons = tuple(_comparisons(without, helm, published))
+    figures = [(c.quantity, c.simulated, p.value) for c in comparisons for p in c.published]
+    judged = verdicts(done, figures, lines_of(helm), waters.floats)
+    return replace(without, comparisons=comparisons, verdicts=judged)
 
 
 def _rudder(figure: Published, helm: Helm) -> float:
@@ -191,62 +195,3 @@ def as_json(report: Report) -> dict[str, object]:
         for c in report.comparisons
     ]
     return tree
-
-
-def markdown(report: Report, picture: str = "") -> str:
-    """Return the report as a page. `picture` is the path of a picture of the vehicle from there."""
-    lines = [f"# {report.name}", "", report.description + ".", ""]
-    if picture:
-        lines += [f"![Shapes and thrusters of {report.name}]({picture})", ""]
-    share = f"{report.guesses} of {report.groups} groups of numbers of hull, thrusters and fins are guesses"
-    water = f"In water of {report.density_kgpm3:g} kg/m3; signs and axes forward, right, down."
-    lines += ["## Numbers", "", f"{water} {share}.", ""]
-    lines += _table(("number", "value", "unit", "status"), [
-        (p.name, ", ".join(_digits(v) for v in p.values), p.unit, p.status or "-") for p in report.particulars
-    ])  # fmt: skip
-    lines += ["", "## Beside the real vehicle", ""]
-    lines += _table(("quantity", "condition", "simulated", "published", "status", "source"), [
-        row for comparison in report.comparisons for row in _compared(comparison)
-    ])  # fmt: skip
-    for trial in report.trials:
-        lines += ["", f"## {trial.title}", ""]
-        if not trial.rows:
-            lines.append(f"Does not apply: {trial.reason}.")
-            continue
-        head = ("", *(f"{c.name}{_unit(c.unit)}" for c in trial.columns))
-        body = [
-            (row.condition, *(_shown(v, c.unit) for v, c in zip(row.values, trial.columns, strict=True)))
-            for row in trial.rows
-        ]
-        lines += [trial.text, "", *_table(head, body)]
-    return "\n".join(lines) + "\n"
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    return [f"| {' | '.join(head)} |", "|" + "---|" * len(head), *(f"| {' | '.join(row)} |" for row in rows)]
-
-
-def _compared(comparison: Comparison) -> list[tuple[str, ...]]:
-    begin = (comparison.quantity, comparison.condition or "-", _shown(comparison.simulated, ""))
-    if not comparison.published:
-        return [(*begin, NONE_FOUND, "-", "-")]
-    return [(*begin, _digits(p.value), p.status, p.source) for p in comparison.published]
-
-
-def _unit(unit: str) -> str:
-    return "" if unit == "1" else f", {unit.replace('rad', 'deg')}"
-
-
-def _shown(value: Value, unit: str) -> str:
-    if value is None:
-        return "-"
-    if unit.startswith("rad"):
-        return f"{deg(value) + 0.0:.1f}".replace("-0.0", "0.0")
-    return _digits(value)
-
-
-def _digits(value: float) -> str:
-    """Return a number with three digits; less than half a thousandth is 0."""
-    if abs(value) < 5e-4:
-        return "0"
-    return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"

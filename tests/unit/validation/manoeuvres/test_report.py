@@ -9,7 +9,8 @@ import pytest
 from manoeuvre_rig import GUESS, ROV, TORPEDO, written
 
 from uwserver.scenario.files.errors import ScenarioError
-from uwserver.validation.manoeuvres.report import Report, as_json, markdown, report
+from uwserver.validation.manoeuvres.pages import markdown
+from uwserver.validation.manoeuvres.report import Report, as_json, report
 
 PUBLISHED = [
     {**GUESS, "quantity": "ahead_speed_mps", "value": 9.0},
