@@ -147,7 +147,7 @@ def _faults(item: Item) -> Iterator[str]:
     x, y, z = item.params[4:7]
     if item.frame not in (*ABOVE_SURFACE, *ABOVE_BOTTOM, *LOCAL):
         yield f"item {item.number}: frame {item.frame} is not supported"
-    elif item.frame not in LOCAL and not (abs(x) <= 90.0 and abs(y) <= 180.0):
+    elif item.frame not in LOCAL and not (abs(x) <= 90 and abs(y) <= 180):
         yield f"item {item.number}: there is no such latitude or longitude"
     elif item.frame in ABOVE_BOTTOM and z <= 0.0:
         yield f"item {item.number}: {z:g} m is no altitude above the bottom"
