@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from uwserver.autopilot.mission import MAX_ITEMS, read_items
 from uwserver.ports import Refused
+from uwserver.units import rad
 
 COMMANDS = {
     16: "waypoint", 17: "waypoint", 19: "waypoint", 20: "return to launch", 21: "landing", 22: "take-off", 93: "delay", 112: "delay",
@@ -147,7 +148,7 @@ def _faults(item: Item) -> Iterator[str]:
     x, y, z = item.params[4:7]
     if item.frame not in (*ABOVE_SURFACE, *ABOVE_BOTTOM, *LOCAL):
         yield f"item {item.number}: frame {item.frame} is not supported"
-    elif item.frame not in LOCAL and not (abs(x) <= 90 and abs(y) <= 180):
+    elif item.frame not in LOCAL and not (abs(rad(x)) <= 0.5 * math.pi and abs(rad(y)) <= math.pi):
         yield f"item {item.number}: there is no such latitude or longitude"
     elif item.frame in ABOVE_BOTTOM and z <= 0.0:
         yield f"item {item.number}: {z:g} m is no altitude above the bottom"
