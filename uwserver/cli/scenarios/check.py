@@ -58,7 +58,7 @@ def check(files: tuple[str, ...], explain: bool) -> None:
 def _check(file: str, adapters: Mapping[str, type[Any]], explain: bool) -> bool:
     """Print what is wrong with a file, or a summary; return whether nothing is wrong."""
     kind, path = meant(file)
-    if kind in CHECKS:
+    if kind is not None and kind in CHECKS:
         return check_other(kind, path, file)
     is_vehicle = kind == "vehicle"
     try:

@@ -69,12 +69,12 @@ def check_other(kind: Kind, path: Path, label: str) -> bool:
     return True
 
 
-def _device(path: Path, label: str) -> str:
-    document = read(path)
+def _device(file: Path, label: str) -> str:
+    document = read(file)
     problems: list[Problem] = []
 
-    def report(place: KeyPath, text: str, at: KeyPath | None = None) -> None:
-        problems.append(document.problem(place, text, at))
+    def report(path: KeyPath, text: str, at: KeyPath | None = None) -> None:
+        problems.append(document.problem(path, text, at))
 
     kind = document.raw.get("kind")
     if kind == "thruster":
