@@ -365,7 +365,7 @@ def test_a_cut_file_is_replayed_as_far_as_it_goes(run: tuple[Path, Rig], tmp_pat
 
 @pytest.mark.parametrize(
     ("content", "text"),
-    [(b"", "not an MCAP file"), (b"hello, this is no recording", "not an MCAP file"), (None, "No such file")],
+    [(b"", "this is an empty file"), (b"hello, this is no recording", "not an MCAP file"), (None, "No such file")],
 )
 def test_another_file_is_refused(tmp_path: Path, content: bytes | None, text: str) -> None:
     path = tmp_path / "other"

@@ -62,7 +62,7 @@ FORMATS: Mapping[Kind, Format] = {
     "mesh": Format("a mesh", "`uwserver new --vehicle NAME --mesh FILE` writes a vehicle file with this hull"),
     "grid": Format("a grid", 'name it in a scenario as a seabed: kind = "grid", file = "FILE"'),
     "folder": Format("a folder", "name a file in it"),
-    "empty": Format("an empty file", _FROM_NOTHING),
+    "empty": Format("an empty file", "there is nothing in it"),
 }  # fmt: skip
 
 _HEAD_BYTES = 4096

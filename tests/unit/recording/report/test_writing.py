@@ -74,11 +74,11 @@ def test_the_folder_is_made(run: Path, tmp_path: Path) -> None:
     assert file.is_file()
 
 
-def test_a_file_that_ends_at_once_has_no_empty_reason(tmp_path: Path) -> None:
+def test_an_empty_file_is_told(tmp_path: Path) -> None:
     (tmp_path / "x.mcap").write_bytes(b"")
     done = CliRunner().invoke(plot, [str(tmp_path / "x.mcap")])
     assert done.exit_code == 1
-    assert "damaged at its start" in done.output
+    assert "a recording is needed, and this is an empty file" in done.output
     assert not done.output.rstrip().endswith(":")
 
 
