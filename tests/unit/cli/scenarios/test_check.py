@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from msgspec import UNSET, UnsetType
 
 import uwserver.cli.scenarios.check as commands
 import uwserver.cli.scenarios.listing as listing
@@ -38,6 +39,12 @@ class SeveralTable(AdapterTable, tag="several", kw_only=True, frozen=True):
         return {"echo": "rov/ping at 9090", "dvl": "rov/dvl at 9091"}
 
 
+class FindingTable(AdapterTable, tag="finding", kw_only=True, frozen=True):
+    """Looks for a free port unless one is given."""
+
+    port: int | UnsetType = UNSET
+
+
 class NamingTable(AdapterTable, tag="naming", kw_only=True, frozen=True):
     """Names a port."""
 
@@ -52,7 +59,7 @@ class NamingTable(AdapterTable, tag="naming", kw_only=True, frozen=True):
 
 
 _kinds = cache(listing.sensor_kinds)
-_ADAPTERS = {"sockets": SocketsTable, "several": SeveralTable, "naming": NamingTable}
+_ADAPTERS = {"sockets": SocketsTable, "several": SeveralTable, "naming": NamingTable, "finding": FindingTable}
 
 
 @pytest.fixture(autouse=True)
@@ -75,6 +82,12 @@ def test_check_sums_up_what_is_right() -> None:
     )
     assert "bluerov2/mocap 60 Hz" in result.stdout
     assert result.stdout.endswith("; adapters: tcp (sockets, port 7600)\n")
+
+
+@pytest.mark.parametrize(("port", "shown"), [("", "(finding)"), ("port = 80", "(finding, port 80)")])
+def test_a_port_that_is_looked_for_is_not_shown(port: str, shown: str, folder: Path) -> None:
+    (folder / "a.toml").write_text(f'schema = 1\n[adapters.f]\nkind = "finding"\n{port}\n')
+    assert run("check", "a.toml").stdout.endswith(f"; adapters: f {shown}\n")
 
 
 def test_check_tells_what_an_adapter_serves_where(folder: Path) -> None:

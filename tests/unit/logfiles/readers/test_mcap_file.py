@@ -3,6 +3,8 @@
 import io
 import json
 import struct
+import sys
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -11,8 +13,10 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.writer import Writer as ProtobufWriter
 
-from uwserver.logfiles import LogError
+from uwserver.adapter.foxglove import SceneChannels
+from uwserver.logfiles import LogError, open_log
 from uwserver.logfiles.readers.mcap_file import OURS
+from uwserver.packages import install_command
 from uwserver.ports import Event, Field, Port, Sample
 from uwserver.recording import writer as recording
 
@@ -27,11 +31,22 @@ POSE = Port(
 )
 
 
-def ours(times_ns, finish=True):
+class Viewers:
+    """The channels for viewers, of which only that of events is written."""
+
+    def of(self, item, port=None):
+        if isinstance(item, Event):
+            yield SceneChannels({}.__getitem__, {}.__getitem__).event(item)
+
+    def shows(self, port):
+        return False
+
+
+def ours(times_ns, finish=True, foxglove=None):
     """A recording of a pose at these times, by the recorder's own writer."""
     file = io.BytesIO()
     head = {"format": "x", "scenario": json.dumps({"scenario": {"world": {"epoch_utc": "2026-01-01T00:00:00Z"}}})}
-    writer = recording.RecordingWriter(file, head, {POSE.path: POSE})
+    writer = recording.RecordingWriter(file, head, {POSE.path: POSE}, foxglove)
     for k, t in enumerate(times_ns):
         value = ((0.1 * k, 0.0, 2.0), (1.0, 0.0, 0.0, 0.0))
         writer.sample(Sample(POSE.path, k, t, t, True, value), {POSE.path: POSE})
@@ -157,6 +172,33 @@ def test_a_reset_of_our_world_is_told_and_time_goes_on(opened):
     assert (np.diff([d.t_ns for d in data]) >= 0).all()
     assert log.end_ns == 2 * 199 * 20_000_000
     assert log.remarks[0] == "the clock was set back by 3.980 s at 3.980 s"
+
+
+@pytest.mark.parametrize("finish", [True, False])
+def test_a_recording_of_ours_needs_no_protobuf(tmp_path, monkeypatch, finish):
+    """Its channels for viewers are in protobuf, and repeat what its own channels say."""
+    (tmp_path / "run.mcap").write_bytes(ours([k * S // 10 for k in range(20)], finish, Viewers()))
+    for module in ("google.protobuf", "google.protobuf.descriptor_pb2", "google.protobuf.descriptor_pool"):
+        monkeypatch.setitem(sys.modules, module, None)
+    with closing(open_log(tmp_path / "run.mcap")) as log:
+        assert any(topic.schema.startswith("foxglove.") for topic in log.topics.values())
+        assert not [remark for remark in log.remarks if "protobuf" in remark]
+
+
+def test_a_log_of_others_says_what_is_missing_for_protobuf(tmp_path, monkeypatch):
+    file = io.BytesIO()
+    writer = ProtobufWriter(file)
+    writer.write_message("/pose", PoseInFrame(), UTC)
+    writer.finish()
+    (tmp_path / "dive.mcap").write_bytes(file.getvalue())
+    for module in ("google.protobuf", "google.protobuf.descriptor_pb2", "google.protobuf.descriptor_pool"):
+        monkeypatch.setitem(sys.modules, module, None)
+    with closing(open_log(tmp_path / "dive.mcap")) as log:
+        (remark,) = log.remarks
+    command = install_command("uwserver[logs]")
+    assert remark == (
+        f"/pose: its schema cannot be used: the package protobuf is missing: {command}; until then its messages are given as bytes"
+    )
 
 
 def test_protobuf_by_the_descriptors_in_the_file(tmp_path, read_log):

@@ -106,6 +106,7 @@ class Own(SensorTable, tag="own", kw_only=True, frozen=True):
     on: bool = False
     mode: str = "fast"
     vector: tuple[float, ...] = (1.0, 0.5)
+    matrix: tuple[tuple[float, float], ...] = ((1.0, 0.0), (0.0, 1.0))
     maybe: Annotated[float, Meta(gt=0)] | UnsetType = UNSET
     part: Part = Part()
     more: dict[str, float] = field(default_factory=dict)
@@ -118,7 +119,8 @@ def test_own_keys_with_their_defaults_as_a_file_writes_them() -> None:
         "many": "3",
         "on": "false",
         "mode": "fast",
-        "vector": "[1.0, 0.5]",
+        "vector": "[1, 0.5]",
+        "matrix": "[[1, 0], [0, 1]]",
         "maybe": "none",
         "part": "its own",
         "more": "none",
