@@ -59,3 +59,18 @@ def test_a_listing_of_commands_loads_neither_physics_nor_benchmark() -> None:
     loaded = set(done.stdout.splitlines()[-1].split())
     assert "uwserver.cli" in loaded
     assert not loaded & {"uwserver_bench.engine.physics", "uwserver_bench.against.compare", "mujoco", "pybullet"}
+
+
+@pytest.mark.parametrize(
+    ("word", "hint"),
+    [
+        ("launch", ' (did you mean "run"?); there are: run, check'),
+        ("gui", ' (did you mean "run", with --open?); there are: run'),
+        ("echo", ": `uwclient echo` prints the samples of a running server; there are: run"),
+        ("chekc", ' (did you mean "check"?); there are: run'),
+    ],
+)
+def test_an_unknown_command_is_answered_with_ours(word: str, hint: str) -> None:
+    done = CliRunner().invoke(cli.main, [word])
+    assert done.exit_code == 2
+    assert f'no command "{word}"{hint}' in done.output

@@ -266,7 +266,7 @@ WORDS: Mapping[str, Word] = {
     "gui": Word("gz", {"run": "with --open"}),
     "create": Word("morse", {"new": ""}),
     "init": Word("any", {"new": ""}),
-    "echo": Word("gz", {}, "`uwclient watch` prints samples of a running server"),
+    "echo": Word("gz", {}, "`uwclient echo` prints the samples of a running server"),
     "info": Word("any", {"list": ""}),
 }  # fmt: skip
 """By the word in small letters with _ between its parts; `foreign` also finds it in CamelCase or with other signs between them."""
