@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import pkgutil
 from importlib.metadata import entry_points
 
 import click
 
 from uwserver import __version__
+from uwserver.physics.kernel.choice import VARIABLE, is_plain
 from uwserver.ports.checks import suggestion
 
 _COMMANDS = {
@@ -47,6 +49,8 @@ class _Commands(click.Group):
             return _command_of_distribution(cmd_name)
         if cmd_name not in _COMMANDS:
             return None
+        if cmd_name != "doctor":  # which tells it among its findings
+            _check_kernels()
         command: click.Command = pkgutil.resolve_name(f"uwserver.cli.{_COMMANDS[cmd_name]}")
         return command
 
@@ -61,6 +65,14 @@ class _Commands(click.Group):
             hint = translation(args[0], known) or suggestion(args[0], known)
             ctx.fail(f'no command "{args[0]}"{hint}; there are: {", ".join(known)}')
         return super().resolve_command(ctx, args)
+
+
+def _check_kernels() -> None:
+    """Raise a ClickException if the choice of kernels in the environment is unknown: importing a kernel would be an error."""
+    try:
+        is_plain(os.environ.get(VARIABLE))
+    except ValueError as error:
+        raise click.ClickException(str(error)) from error
 
 
 def _command_of_distribution(name: str) -> click.Command:

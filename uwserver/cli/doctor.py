@@ -23,6 +23,7 @@ from uwserver.cli.port_holder import holder_of
 from uwserver.cli.terminal import Colour, styled
 from uwserver.packages import install_command
 from uwserver.physics.collision.engine import ENGINES, chosen_engine, missing_engine
+from uwserver.physics.kernel.choice import VARIABLE, is_plain
 from uwserver.simulation.clock import Pace, SystemTime
 from uwserver.units import NANOSECONDS
 
@@ -123,6 +124,15 @@ def rays() -> Finding:
         return Finding("rays", "ok", f"embreex {importlib.metadata.version('embreex')}")
     text = "embreex is not installed: sonars and other ranging sensors see the same, through a slower tree of uwserver's own"
     return Finding("rays", "warning", text, f"{install_command('embreex')}, where it has wheels")
+
+
+def choice_of_kernels() -> Finding | None:
+    """Return a fault if the environment chooses kernels that there are not: then nothing that needs a kernel can be imported."""
+    try:
+        is_plain(os.environ.get(VARIABLE))
+    except ValueError as error:
+        return Finding("kernels", "fault", str(error), f"unset {VARIABLE}")
+    return None
 
 
 def kernels() -> Finding:
@@ -240,11 +250,15 @@ def examine(reference: str = "") -> Iterator[Finding]:
     yield from wheels()
     yield contacts()
     yield rays()
-    if reference:
-        yield scenario(reference)
-    yield kernels()
-    yield threads()
-    yield from adapters()
+    wrong = choice_of_kernels()
+    if wrong is not None:
+        yield wrong
+    else:
+        if reference:
+            yield scenario(reference)
+        yield kernels()
+        yield threads()
+        yield from adapters()
     yield port()
     yield timer()
     yield processors()
@@ -266,7 +280,7 @@ def doctor(scenario: str, warm: bool, as_json: bool) -> None:
 
     The exit status is 1 if something prevents a server from running.
     """
-    broken = _warm() if warm else []
+    broken = _warm() if warm and choice_of_kernels() is None else []
     findings: list[Finding] = []
     for finding in chain(broken, examine(scenario)):
         findings.append(finding)

@@ -13,6 +13,7 @@ from click.testing import CliRunner
 import uwserver.cli.doctor as command
 from uwserver.adapter import AdapterNotFound
 from uwserver.cli import doctor as diagnosis
+from uwserver.cli import main
 from uwserver.cli.doctor import Finding
 from uwserver.packages import install_command
 from uwserver.physics.collision import engine
@@ -321,3 +322,25 @@ def test_warming_shows_progress_and_removes_old_caches(tmp_path: Path, monkeypat
     assert "kernels: immersed" in result.stderr
     assert len(list(tmp_path.iterdir())) == 5
     assert not (tmp_path / "kernels-old").exists()
+
+
+# -- an unknown choice of kernels -------------------------------------------------------------------------------------------------------
+
+
+def test_an_unknown_choice_of_kernels_is_a_finding_and_the_rest_is_examined(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("UWSERVER_KERNELS", "Plain")
+    found = {finding.name: finding for finding in diagnosis.examine("bluerov2_pool")}
+    assert found["kernels"].level == "fault"
+    assert found["kernels"].text.startswith('the environment variable UWSERVER_KERNELS is "Plain"')
+    assert found["kernels"].remedy == "unset UWSERVER_KERNELS"
+    assert "timer" in found
+    assert "scenario bluerov2_pool" not in found, "loading one imports kernels"
+
+
+@pytest.mark.parametrize("command", [["check", "otter"], ["manoeuvres", "otter"], ["--help"]])
+def test_other_commands_say_it_in_one_line(command: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("UWSERVER_KERNELS", "Plain")
+    done = CliRunner().invoke(main, command)
+    assert done.exit_code == 1
+    (line,) = done.output.splitlines()
+    assert line.startswith('Error: the environment variable UWSERVER_KERNELS is "Plain": set it to "plain"')

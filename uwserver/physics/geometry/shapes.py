@@ -137,7 +137,8 @@ def check_shape(shape: Shape) -> None:
         if isinstance(shape, Cylinder | Capsule):
             sizes = (shape.radius, shape.half_length)
         if not all(np.isfinite(sizes)) or min(sizes) <= 0.0 or max(sizes) > 1e5:
-            raise BadSolid(f"sizes of a {type(shape).__name__.lower()} must be positive and below 100 km: {sizes}")
+            told = ", ".join(f"{size:g} m" for size in sizes)
+            raise BadSolid(f"sizes of a {type(shape).__name__.lower()} must be positive and below 100 km: {told}")
 
 
 def _check_points(points: FloatArray, what: str) -> None:

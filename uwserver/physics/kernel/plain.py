@@ -12,22 +12,9 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+from uwserver.physics.kernel.choice import VARIABLE, is_plain
 
-def is_plain(choice: str | None) -> bool:
-    """Return whether UWSERVER_KERNELS, which has this value or None, chooses the plain kernels. An empty value counts as unset.
-
-    Raises:
-        SystemExit: the value is unknown. Every process reads the variable at its first import of a kernel, where no caller could go on.
-    """
-    if choice not in (None, "", "plain"):
-        raise SystemExit(
-            f'the environment variable UWSERVER_KERNELS is "{choice}": set it to "plain" for kernels by the public means of numba alone, '
-            "or unset it for the usual kernels; there are no other values"
-        )
-    return choice == "plain"
-
-
-IS_PLAIN = is_plain(os.environ.get("UWSERVER_KERNELS"))
+IS_PLAIN = is_plain(os.environ.get(VARIABLE))
 
 
 def made_of(package: Path) -> str:

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from uwserver.physics.kernel.plain import is_plain, made_of
+from uwserver.physics.kernel.choice import is_plain
+from uwserver.physics.kernel.plain import made_of
 
 KERNELS = """
 import numpy as np
@@ -85,16 +86,18 @@ def test_plain_kernels_do_the_same_and_are_kept(tmp_path: Path) -> None:
     assert folder.name.startswith("kernels-plain-")
 
 
-def test_an_unknown_choice_of_kernels_ends_the_process() -> None:
+def test_an_unknown_choice_of_kernels_is_an_error() -> None:
     assert [is_plain(choice) for choice in (None, "", "plain")] == [False, False, True]
+    with pytest.raises(ValueError, match='UWSERVER_KERNELS is "Plain": set it to'):
+        is_plain("Plain")
     command = [sys.executable, "-c", "import uwserver.physics.kernel.plain"]
     done = subprocess.run(
         command, env=os.environ | {"UWSERVER_KERNELS": "Plain"}, capture_output=True, text=True, timeout=60
     )
     assert done.returncode == 1
-    assert done.stderr == (
-        'the environment variable UWSERVER_KERNELS is "Plain": set it to "plain" for kernels by the public means of numba alone, or unset it for '
-        "the usual kernels; there are no other values\n"
+    assert done.stderr.splitlines()[-1] == (
+        'ValueError: the environment variable UWSERVER_KERNELS is "Plain": set it to "plain" for kernels by the public means of numba alone, '
+        "or unset it for the usual kernels; there are no other values"
     )
 
 
