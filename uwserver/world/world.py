@@ -19,7 +19,7 @@ from uwserver.sensors.base import BOTTOM, SEDIMENT, Sight
 from uwserver.units import NANOSECONDS
 from uwserver.world.bodies.bodies_and_water import Bodies, WaterPart
 from uwserver.world.bodies.members import Member, Population, place_solids
-from uwserver.world.in_process import InProcess
+from uwserver.world.driving import Driven
 from uwserver.world.parts.part import Carry, Part, is_awake, schedule_of
 from uwserver.world.parts.profile import Profile, Timer, untimed
 from uwserver.world.parts.vehicle import Vehicle
@@ -65,10 +65,11 @@ def _report(tick: int, t_ns: int, vehicle: Vehicle | None, commands: Commands) -
     return "\n".join([line, *commands.newest(vehicle.name)])
 
 
-class World(InProcess):
+class World(Driven):
     """All vehicles and their components, stepped tick by tick.
 
-    Build one with `uwserver.load`. Not thread-safe: in a server only the simulation thread uses it.
+    `uwserver.scenario.build.world.build` makes one of a scenario; programs in the same process get `uwserver.World`, which holds it. Not
+    thread-safe: in a server only the simulation thread uses it.
 
     Attributes:
         t_ns: simulation time, ns, computed from `tick`.
