@@ -73,9 +73,9 @@ def warm() -> None:
     import uwserver.scenario.builder
     import uwserver.server.life_cycle
 
-    uwserver.load("one_of_everything")
+    uwserver.load("one_of_everything").core
     for name in WARMING:
-        world = uwserver.load(name)
+        world = uwserver.load(name).core
         world.step(300)
         world.end("warm")
     gc.collect()

@@ -36,8 +36,8 @@ def begin(
         n, seeds, sensors, parameters, threads: as for `uwserver.batch`.
 
     Raises:
-        Refused: less than one copy, another number of seeds, a seed that is no whole number or negative, a scenario that `check` refuses, no such sensor or parameter, or a wrong number
-            of threads.
+        Refused: less than one copy, another number of seeds, a wrong seed, a scenario that `check` refuses, no such sensor or parameter, or
+            a wrong number of threads.
     """
     n = checked_whole("n", n, 1, "a batch has a whole number of copies, 1 or more")
     numbers = seeds_of(resolved.scenario.seed if seeds is None else seeds, range(n))

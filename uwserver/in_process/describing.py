@@ -11,6 +11,10 @@ from uwserver.world import World as Core
 
 _FEW = 2
 """So many ports or services are described with the meaning of each field or argument."""
+_WIDEST = 44
+"""Widest column of a table, characters."""
+_LINE = 90
+"""Characters for the fields of a port, if there are many ports."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -106,15 +110,22 @@ def described(core: Core, patterns: Sequence[str]) -> Description:
 
 
 def _aligned(rows: Iterable[tuple[str, ...]]) -> Iterator[str]:
-    """Yield the rows of a table, indented, with columns of equal width."""
+    """Yield the rows of a table, indented, with columns of equal width; only a very wide cell pushes the others of its row aside."""
     table = list(rows)
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    widths = [min(max(map(len, column)), _WIDEST) for column in zip(*table, strict=True)]
     for row in table:
         yield "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
 
 
 def _row(port: Port) -> tuple[str, str, str]:
-    return port.path, _pace(port), ", ".join(map(_form, port.fields))
+    return port.path, _pace(port), _shortened(list(map(_form, port.fields)))
+
+
+def _shortened(words: Sequence[str]) -> str:
+    """Return as many words as fit into a line, and how many there are besides."""
+    count = next((k for k in range(2, len(words)) if len(", ".join(words[: k + 1])) > _LINE), len(words))
+    more = len(words) - count
+    return ", ".join(words[:count]) + (f", and {more} more" if more else "")
 
 
 def _pace(port: Port) -> str:

@@ -15,7 +15,7 @@ from uwserver.frames import matrix, quat_from_rpy, rpy_from_quat
 from uwserver.physics.kernel.arrays import FloatArray
 from uwserver.physics.kernel.layout import NU, P, Q
 from uwserver.ports import Port, Refused
-from uwserver.ports.checks import checked_command, suggestion
+from uwserver.ports.checks import checked_command, shown, suggestion
 from uwserver.world import World as Core
 from uwserver.world.parts.vehicle import Vehicle as Row
 
@@ -205,6 +205,17 @@ class Vehicle:
         (north, east, down), (roll, pitch, yaw) = self.p_NB, self.rpy
         place = f"p_NB = ({north:.3f}, {east:.3f}, {down:.3f}) m, roll, pitch, yaw = ({roll:.3f}, {pitch:.3f}, {yaw:.3f}) rad"
         return f"<{self.name} ({self.model}): {place}, speed {math.hypot(*self.v_NB_B):.3f} m/s>"
+
+
+def _angles(rpy: ArrayLike) -> tuple[float, float, float]:
+    try:
+        roll, pitch, yaw = np.asarray(rpy, dtype=float)
+        if np.isfinite([roll, pitch, yaw]).all():
+            return float(roll), float(pitch), float(yaw)
+    except (TypeError, ValueError):
+        pass
+    text = f'"rpy" must be three finite angles (rad): roll, pitch and yaw, not {shown(repr(rpy))}'
+    raise Refused("bad_shape", text, "rpy")
 
 
 class Vehicles(Mapping[str, Vehicle]):

@@ -187,13 +187,12 @@ class World:
             raise Refused("shutdown", "the world is closed: load it again")
         core = self._core
         if seed is not None and checked_whole("seed", seed) != core.seed:
-            core = build(self._resolved, seed, like=core)
-            self._core.end("the world was reset with another seed")
-            self._begin(core)
+            self._begin(build(self._resolved, seed, like=core))
+            core.end("the world was reset with another seed")
+            self._core.say("reset", f"the world is at its start, with seed {seed}")
         else:
             core.requests.posted.clear()
-            self.call("world/reset")
-        core.flush()
+            core.call("world/reset")
         self._begin_anew()
 
     def close(self) -> None:
@@ -259,7 +258,7 @@ class World:
 
     def events(self) -> list[Event]:
         """Return what has happened since the last call, the newest 4096 events: watchdogs, faults, modes, resets, bodies that came or went."""
-        self._events += self._core.flush().events
+        self._events += self._core.take_events()
         events = list(self._events)
         self._events.clear()
         return events
@@ -299,7 +298,7 @@ class World:
         Raises:
             Refused: the state cannot be saved; the text says why.
         """
-        return _restored(*self._saved())
+        return self._restored(*self._saved())
 
     def _saved(self) -> tuple[Resolved, int, bytes, list[Command]]:
         posted = [posted.item for posted in self._core.requests.posted if posted.on_reply is None]
@@ -310,6 +309,17 @@ class World:
             )
         return self._resolved, self.seed, self.save(), commands
 
+    @classmethod
+    def _restored(cls, resolved: Resolved, seed: int, state: bytes, commands: list[Command]) -> World:
+        world = cls(resolved, seed)
+        core = world.core
+        snapshot.from_bytes(core, state)
+        core.take_events()
+        for command in commands:
+            core.post(Posted(command, None, core.ports[command.port].fields))
+        world._begin_anew()
+        return world
+
     def __copy__(self) -> World:
         return self.copy()
 
@@ -317,7 +327,7 @@ class World:
         return self.copy()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, self._saved()
+        return self._restored, self._saved()
 
     # -- at a prompt ----------------------------------------------------------------------------------------------------------------
 
@@ -337,9 +347,7 @@ class World:
         raise AttributeError(f'a world has no "{name}"{hint}')
 
     def __repr__(self) -> str:
-        core = self._core
-        vehicles, ports = ", ".join(core.vehicles), f"{len(core.sensors)} sensors, {len(core.actuators)} actuators"
-        return f"<World {self.name} at {self.t_s:.3f} s (tick {self.tick}): {vehicles or 'no vehicle'}; {ports}>"
+        return repr(self._core)
 
 
 _HOW_ELSE = {
@@ -356,14 +364,3 @@ _OTHER_WORDS = {
     "objects": "vehicles", "sensors": "ports, or describe()", "actuators": "ports, or describe()", "send": "command", "set": "command",
 }  # fmt: skip
 """Words that people try, and the one that is right here."""
-
-
-def _restored(resolved: Resolved, seed: int, state: bytes, commands: list[Command]) -> World:
-    world = World(resolved, seed)
-    core = world.core
-    snapshot.from_bytes(core, state)
-    core.flush()
-    for command in commands:
-        core.post(Posted(command, None, core.ports[command.port].fields))
-    world._begin_anew()
-    return world

@@ -349,7 +349,7 @@ class World(Driven):
         if self.answers:
             output.replies += self.answers
             self.answers.clear()
-        output.events, self._events = self._events, []
+        output.events = self.take_events()
         output.tick, output.t_ns, output.ports, output.jumps = self._tick, self.t_ns, self.ports, self.jumps
         if diverged >= 0:
             lost = next((vehicle for vehicle in self.vehicles.values() if vehicle.row == diverged), None)
@@ -372,6 +372,11 @@ class World(Driven):
         answers = list(self.answers)
         self.answers.clear()
         return answers
+
+    def take_events(self) -> list[Event]:
+        """Return the events that were queued since the last tick, and drop them: no client is told of them."""
+        events, self._events = self._events, []
+        return events
 
     def say(self, event: str, text: str) -> None:
         """Queue an event for all clients."""
