@@ -73,11 +73,11 @@ def warm() -> None:
     import uwserver.scenario.builder
     import uwserver.server.life_cycle
 
-    uwserver.load("one_of_everything").core
+    uwserver.load("one_of_everything")
     for name in WARMING:
-        world = uwserver.load(name).core
+        world = uwserver.load(name)
         world.step(300)
-        world.end("warm")
+        world.close()
     gc.collect()
     gc.freeze()
 

@@ -160,12 +160,7 @@ class Vehicle:
         if rpy is not None:
             if q_NB is not None:
                 raise Refused("bad_argument", "the attitude is given twice: give q_NB or rpy", "rpy")
-            angles = np.asarray(rpy, dtype=float)
-            if angles.shape != (3,) or not np.isfinite(angles).all():
-                raise Refused(
-                    "bad_shape", f'"rpy" must be three finite angles (rad): roll, pitch, yaw, not {rpy}', "rpy"
-                )
-            given["q_NB"] = quat_from_rpy(*angles.tolist())
+            given["q_NB"] = quat_from_rpy(*_angles(rpy))
         whole = {name: value for name, value in given.items() if value is not None}
         if not whole:
             raise Refused("bad_argument", f"nothing is given: {HOW_TO_SET}", self.name)

@@ -40,8 +40,8 @@ def test_one_port_or_service_is_told_in_full(world):
 def test_patterns_choose_and_what_matches_nothing_is_refused(world):
     found = world.describe("bluerov2/truth/*")
     assert len(found.sensors) == 5
-    assert not (found.bodies or found.actuators or found.services)
-    with pytest.raises(Refused, match='matches bluerov2/imuu.*did you mean "bluerov2/imu"'):
+    assert (found.bodies, found.actuators, found.services) == ({}, (), ())
+    with pytest.raises(Refused, match=r'matches bluerov2/imuu.*did you mean "bluerov2/imu"'):
         world.describe("bluerov2/imuu")
 
 

@@ -100,7 +100,7 @@ def test_words_of_other_simulators_name_what_is_here(rov, word):
 def test_who_is_not_there_is_named(world, rov):
     with pytest.raises(KeyError, match=r"no vehicle .*rovv.*did you mean .*rov.*there are: rov, crate"):
         world.vehicles["rovv"]
-    with pytest.raises(AttributeError, match='no "p_NBB".*did you mean "p_NB"'):
+    with pytest.raises(AttributeError, match=r'no "p_NBB".*did you mean "p_NB"'):
         rov.p_NBB  # noqa: B018
     assert list(world.vehicles) == ["rov", "crate"]
     assert len(world.vehicles) == 2

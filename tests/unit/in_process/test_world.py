@@ -102,17 +102,13 @@ def test_what_is_no_number_of_ticks_is_refused_and_changes_nothing(world, given,
     assert world.tick == 0
 
 
-@pytest.mark.parametrize("seed", [1.5, -1, "7", True, 2**63, [1]])
+@pytest.mark.parametrize("seed", [1.5, -1, "7", True, 2**63])
 def test_a_seed_is_a_whole_number_wherever_it_is_taken(world, seed):
     world.step(3)
     for take in (
         lambda: uwserver.load("bluerov2_pool", seed=seed),
         lambda: world.reset(seed=seed),
-        lambda: (
-            uwserver.batch("bluerov2_pool", 1, sensors=(), seeds=seed if isinstance(seed, list) else [seed])
-            if seed != [1]
-            else world.reset(seed=seed)
-        ),
+        lambda: uwserver.batch("bluerov2_pool", 1, sensors=(), seeds=[seed]),
     ):
         with pytest.raises(Refused, match='"seed" must be a whole number, 0 or more, not'):
             take()
@@ -166,8 +162,7 @@ def test_a_sensor_is_read_and_an_actuator_says_what_it_is(world):
     world.step(24)
     assert world.read("bluerov2/imu").f_S.shape == (3,)
     with pytest.raises(
-        Refused,
-        match=r'"bluerov2/thrusters" is an actuator.*command\("bluerov2/thrusters", u=...\).*call\("bluerov2/thrusters/get"\)',
+        Refused, match=r'is an actuator.* command\("bluerov2/thrusters", u=...\).* call\("bluerov2/thrusters/get"\)'
     ):
         world.read("bluerov2/thrusters")
     with pytest.raises(Refused, match='did you mean "bluerov2/imu"'):
@@ -241,7 +236,7 @@ def test_a_saved_state_is_that_of_the_command_line_and_of_no_other_world(world):
 
 def test_what_cannot_be_copied_says_why(world, monkeypatch):
     world.core.submit(Call("world/state_hash", {}), print)
-    with pytest.raises(Refused, match="a call waits for the next tick.*step once, then copy"):
+    with pytest.raises(Refused, match=r"a call waits for the next tick.*step once, then copy"):
         world.copy()
     world.reset()
     monkeypatch.setattr("uwserver.world.state.snapshot.MAX_BYTES", 1000)
@@ -264,9 +259,9 @@ def test_other_words_name_the_one_that_is_right(world, word):
 
 
 def test_an_unknown_name_is_answered_with_what_there_is(world):
-    with pytest.raises(AttributeError, match='no "recrod".*did you mean "record".*there are: call, close'):
+    with pytest.raises(AttributeError, match=r'no "recrod".*did you mean "record".*there are: call, close'):
         world.recrod  # noqa: B018
-    with pytest.raises(AttributeError, match="use core.hydro, which may change"):
+    with pytest.raises(AttributeError, match=r"use core\.hydro, which may change"):
         world.hydro  # noqa: B018
     assert not hasattr(world, "_nothing")
 

@@ -94,6 +94,9 @@ class Reading(Mapping[str, Any]):
         except KeyError as error:
             raise AttributeError(*error.args) from None
 
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self]
+
     def __iter__(self) -> Iterator[str]:
         return (field.name for field in self._fields)
 

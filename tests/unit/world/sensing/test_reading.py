@@ -8,17 +8,13 @@ import numpy as np
 import pytest
 
 from uwserver.ports import Buffer, Field, Layout, Port, Sample
-from uwserver.scenario.build.world import build
 from uwserver.world.sensing.reading import Reading, as_array
 
 
-@pytest.fixture(scope="module")
-def stepped():
-    from conftest import small_scenario
-
-    stepped = build(small_scenario())
-    stepped.step(240)
-    return stepped
+@pytest.fixture
+def stepped(world):
+    world.step(240)
+    return world
 
 
 def test_fields_are_attributes_and_items(stepped):
