@@ -8,6 +8,7 @@ from fractions import Fraction
 from types import MappingProxyType
 from typing import Any, NoReturn
 
+from uwserver.environment.water import Water
 from uwserver.in_process.describing import Description, described
 from uwserver.in_process.traces import Traces, chosen
 from uwserver.in_process.vehicles import Vehicles
@@ -91,6 +92,12 @@ class World:
     def vehicles(self) -> Vehicles:
         """The bodies by name, free objects too: ``world.vehicles["rov"].p_NB``."""
         return self._vehicles
+
+    @property
+    def water(self) -> Water:
+        """The sea water: ``velocity(p_N, t_s)`` of currents and waves, m/s in N; ``elevation``, ``pressure``, and the ``column`` of salinity,
+        temperature and sound speed."""
+        return self._core.water
 
     @property
     def ports(self) -> Mapping[str, Port]:

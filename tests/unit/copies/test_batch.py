@@ -236,11 +236,11 @@ def test_copies_that_are_not_there_are_refused(copies, text):
 def test_less_than_a_tick_a_copy_or_a_seed_each_is_refused():
     batch = uwserver.batch("bluerov2_pool", 2, sensors=(), seeds=[7, 8])
     assert batch.seeds == [7, 8]
-    with pytest.raises(Refused, match="1 tick or more"):
+    with pytest.raises(Refused, match="1 or more, not 0"):
         batch.step(0)
     with pytest.raises(Refused, match="3 seeds for 2"):
         batch.reset(seeds=[1, 2, 3])
-    with pytest.raises(Refused, match="1 copy or more"):
+    with pytest.raises(Refused, match="copies, 1 or more, not 0"):
         uwserver.batch("bluerov2_pool", 0)
     with pytest.raises(Refused, match="1 seeds for 2"):
         uwserver.batch("bluerov2_pool", 2, seeds=[1])
