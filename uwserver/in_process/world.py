@@ -14,7 +14,7 @@ from uwserver.in_process.traces import Traces, chosen
 from uwserver.in_process.vehicles import Vehicles
 from uwserver.ports import Command, Event, Json, Port, Refused, Service
 from uwserver.ports.checks import checked_whole, suggestion
-from uwserver.ports.crossing import Posted, TickOutput
+from uwserver.ports.crossing import Posted
 from uwserver.ports.sample_batch import Samples
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
@@ -144,23 +144,18 @@ class World:
             n = self._ticks_of(n, seconds)
         if self._is_closed:
             raise Refused("shutdown", "the world is closed: load it again")
-        samples = Samples()
         try:
-            for output in self._core.run(n):
-                self._keep(output, samples)
+            samples = self._core.step(n, self._events)
         except Diverged as diverged:
-            self._keep(diverged.output, samples)
+            self._take(diverged.samples)
             raise
-        finally:
-            for traces in self._traces:
-                traces.take(samples)
+        if self._traces:
+            self._take(samples)
         return samples
 
-    def _keep(self, output: TickOutput, samples: Samples) -> None:
-        samples.add(output.batch or ())
-        samples.add(output.made)
-        if output.events:
-            self._events += output.events
+    def _take(self, samples: Samples) -> None:
+        for traces in self._traces:
+            traces.take(samples)
 
     def _ticks_of(self, n: object, seconds: object) -> int:
         rate = self._core.rate_hz

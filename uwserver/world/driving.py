@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections import deque
+from collections.abc import Mapping
 
-from uwserver.ports import Call, Command, Json, OnReply, Port, Refused, Service
+from uwserver.ports import Call, Command, Event, Json, OnReply, Port, Refused, Service
 from uwserver.ports.checks import checked_args, checked_command, checked_whole, find
 from uwserver.ports.crossing import Later, Posted, TickOutput
 from uwserver.ports.sample_batch import Samples
@@ -13,6 +14,21 @@ from uwserver.world.parts.part import Carry
 from uwserver.world.sensing.reading import Reading
 from uwserver.world.sensing.sensing import Sensing
 from uwserver.world.stepping.requests import Requests
+
+
+class Diverged(Exception):
+    """The state of a body is not finite, or absurdly fast. The text names the body, the tick and the last commands.
+
+    Attributes:
+        output: replies to the requests that were carried out at the start of the tick, and samples of earlier ticks that were made in the
+            same call of `advance`.
+        samples: of the earlier ticks of the same `step`.
+    """
+
+    def __init__(self, text: str, output: TickOutput) -> None:
+        super().__init__(text)
+        self.output = output
+        self.samples = Samples()
 
 
 class Driven(ABC):
@@ -65,28 +81,40 @@ class Driven(ABC):
         result = self.carry[service](checked_args(self.services[service], args))
         return None if isinstance(result, Later) else result
 
-    def run(self, n: int) -> Iterator[TickOutput]:
-        """Run n ticks, and yield what they give, in few pieces. Who waits for a reply gets it before.
+    def step(self, n: int = 1, events: deque[Event] | None = None) -> Samples:
+        """Run n ticks. Who waits for a reply gets it. Returns the samples delivered in them, as a list; each sample object is made when it
+        is accessed.
+
+        Args:
+            n: ticks.
+            events: gets the events of these ticks; None to drop them.
 
         Raises:
             Refused: n is no whole number above 0; nothing is stepped.
-            Diverged: the state of a body is not finite; the world must not be stepped any further.
+            Diverged: the state of a body is not finite; the world must not be stepped any further. It has the samples of this call.
         """
         if type(n) is not int or n < 1:
             n = checked_whole("n", n, 1, "step takes a whole number of ticks, 1 or more")
-        while n > 0:
-            output = self.advance(most=n)
-            n -= output.ticks
-            for on_reply, reply in output.replies:
-                on_reply(reply)
-            yield output
-
-    def step(self, n: int = 1) -> Samples:
-        """Run n ticks, as `run`. Returns the samples delivered in them, as a list; each sample object is made when it is accessed."""
         samples = Samples()
-        for output in self.run(n):
-            samples.add(output.batch or ())
-            samples.add(output.made)
+        try:
+            while n > 0:
+                output = self.advance(most=n)
+                n -= output.ticks
+                if output.batch is not None:
+                    samples.add(output.batch)
+                if output.made:
+                    samples.add(output.made)
+                if output.events and events is not None:
+                    events += output.events
+                for on_reply, reply in output.replies:
+                    on_reply(reply)
+        except Diverged as diverged:
+            samples.add(diverged.output.batch or ())
+            samples.add(diverged.output.made)
+            if events is not None:
+                events += diverged.output.events
+            diverged.samples = samples
+            raise
         return samples
 
     def read(self, port: str) -> Reading | None:

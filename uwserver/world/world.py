@@ -19,7 +19,7 @@ from uwserver.sensors.base import BOTTOM, SEDIMENT, Sight
 from uwserver.units import NANOSECONDS
 from uwserver.world.bodies.bodies_and_water import Bodies, WaterPart
 from uwserver.world.bodies.members import Member, Population, place_solids
-from uwserver.world.driving import Driven
+from uwserver.world.driving import Diverged, Driven
 from uwserver.world.parts.part import Carry, Part, is_awake, schedule_of
 from uwserver.world.parts.profile import Profile, Timer, untimed
 from uwserver.world.parts.vehicle import Vehicle
@@ -41,19 +41,6 @@ if TYPE_CHECKING:
 __all__ = ["Diverged", "World"]
 
 _OPEN_WATER = OpenWater()
-
-
-class Diverged(Exception):
-    """The state of a body is not finite, or absurdly fast. The text names the body, the tick and the last commands.
-
-    Attributes:
-        output: replies to the requests that were carried out at the start of the tick, and samples of earlier ticks that were made in the
-            same call.
-    """
-
-    def __init__(self, text: str, output: TickOutput) -> None:
-        super().__init__(text)
-        self.output = output
 
 
 def _report(tick: int, t_ns: int, vehicle: Vehicle | None, commands: Commands) -> str:
@@ -349,7 +336,7 @@ class World(Driven):
         if self.answers:
             output.replies += self.answers
             self.answers.clear()
-        output.events = self.take_events()
+        output.events, self._events = self._events, []
         output.tick, output.t_ns, output.ports, output.jumps = self._tick, self.t_ns, self.ports, self.jumps
         if diverged >= 0:
             lost = next((vehicle for vehicle in self.vehicles.values() if vehicle.row == diverged), None)
