@@ -257,6 +257,9 @@ class Refused(Exception):
         super().__init__(text)
         self.fault = Fault(code, text, where)
 
+    def __reduce__(self) -> tuple[type[Refused], tuple[ErrorCode, str, str]]:
+        return type(self), (self.fault.code, self.fault.text, self.fault.where)
+
 
 class Reply(Struct, frozen=True):
     """The final answer to a command or call: the tick at whose start it was carried out, and its result or fault."""

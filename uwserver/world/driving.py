@@ -30,6 +30,10 @@ class Diverged(Exception):
         self.output = output
         self.samples = Samples()
 
+    def __reduce__(self) -> tuple[type[Diverged], tuple[str, TickOutput]]:
+        # For another process, which has neither the world nor who waits for a reply.
+        return type(self), (str(self), TickOutput(self.output.tick, self.output.t_ns, []))
+
 
 class Driven(ABC):
     """The part of a world that takes requests, runs ticks and gives readings.

@@ -157,6 +157,17 @@ def test_a_world_that_diverged_can_be_reset(world):
     assert (np.diff(imu.t) > 0).all()
 
 
+def test_errors_reach_other_processes(world):
+    """As a pool of worker processes sends them, which pickles them."""
+    world.core.hydro.state[0, 7] = np.nan
+    for provoke in (lambda: world.step(0), lambda: uwserver.load("nowhere"), lambda: world.step(10)):
+        with pytest.raises((Refused, uwserver.ScenarioError, uwserver.Diverged)) as caught:
+            provoke()
+        other = pickle.loads(pickle.dumps(caught.value))
+        assert (type(other), str(other)) == (caught.type, str(caught.value))
+        assert getattr(other, "fault", None) == getattr(caught.value, "fault", None)
+
+
 def test_a_sensor_is_read_and_an_actuator_says_what_it_is(world):
     assert world.read("bluerov2/imu") is None
     world.step(24)

@@ -62,6 +62,9 @@ class ScenarioError(Exception):
         lines = [str(problem) for problem in self.problems]
         super().__init__("\n".join([*lines, f"{errors} error{'' if errors == 1 else 's'}"]))
 
+    def __reduce__(self) -> tuple[type[ScenarioError], tuple[tuple[Problem, ...]]]:
+        return type(self), (self.problems,)
+
 
 def label_of(path: Path) -> str:
     """Return the path as a user would type it: relative if it lies below the working folder."""
