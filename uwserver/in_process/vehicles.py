@@ -70,6 +70,8 @@ class Vehicle:
     """
 
     __slots__ = ("_core", "_name")
+    _core: Callable[[], Core]
+    _name: str
 
     def __init__(self, core: Callable[[], Core], name: str) -> None:
         """View a body by its name; `core` gives the world as the server steps it."""
@@ -79,7 +81,7 @@ class Vehicle:
     @property
     def name(self) -> str:
         """Name in the scenario, or of ``world/spawn``."""
-        return self._name  # type: ignore[no-any-return]  # set past `__setattr__`
+        return self._name
 
     @property
     def model(self) -> str:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Mapping
 from fractions import Fraction
+from numbers import Real
 from types import MappingProxyType
 from typing import Any, NoReturn
 
@@ -161,10 +163,9 @@ class World:
         rate = self._core.rate_hz
         if n != 1:
             raise Refused("bad_argument", f"step takes ticks or seconds, not both: {n} and {seconds}", "seconds")
-        try:
-            ticks = Fraction(seconds) * rate  # type: ignore[arg-type]  # checked by this very call
-        except (TypeError, ValueError, OverflowError):
-            raise Refused("bad_argument", f'"seconds" must be a number above 0, not {seconds!r}', "seconds") from None
+        if isinstance(seconds, bool) or not isinstance(seconds, Real) or not math.isfinite(seconds):
+            raise Refused("bad_argument", f'"seconds" must be a number above 0, not {seconds!r}', "seconds")
+        ticks = Fraction(float(seconds)) * rate
         whole = round(ticks)
         if whole < 1 or abs(ticks - whole) > Fraction(1, 10**6):
             near = [f"{float(k / rate):.6g}" for k in sorted({max(1, int(ticks)), max(1, int(ticks) + 1)})]

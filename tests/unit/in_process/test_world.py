@@ -70,8 +70,8 @@ def test_time_is_in_ticks_and_in_seconds(world):
     world.step(np.int64(5))
     world.step(seconds=0.05)
     world.step(seconds=1 / 240)
-    world.step(seconds=np.float64(0.1))
-    assert world.tick == 1 + 5 + 12 + 1 + 24
+    world.step(seconds=np.float32(0.5))
+    assert world.tick == 1 + 5 + 12 + 1 + 120
     assert world.t_s == world.tick / 240
     assert world.t_ns == round(world.tick / 240 * 1e9)
 
@@ -92,6 +92,8 @@ def test_time_is_in_ticks_and_in_seconds(world):
         ({"seconds": float("nan")}, "a number above 0, not nan"),
         ({"seconds": float("inf")}, "a number above 0, not inf"),
         ({"seconds": "a while"}, "a number above 0, not 'a while'"),
+        ({"seconds": "0.5"}, "a number above 0, not '0.5'"),
+        ({"seconds": True}, "a number above 0, not True"),
         ({"seconds": [1]}, "a number above 0"),
         ({"n": 3, "seconds": 1.0}, "ticks or seconds, not both"),
     ],
