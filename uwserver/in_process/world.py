@@ -7,9 +7,11 @@ from collections import deque
 from collections.abc import Mapping
 from fractions import Fraction
 from numbers import Real
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NoReturn
 
+from uwserver.adapter import installed_adapters
 from uwserver.environment.water import Water
 from uwserver.in_process.describing import Description, described
 from uwserver.in_process.traces import Traces, chosen
@@ -20,6 +22,7 @@ from uwserver.ports.crossing import Posted
 from uwserver.ports.sample_batch import Samples
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
+from uwserver.scenario.load.scenario import load as load_scenario
 from uwserver.world import Diverged, snapshot
 from uwserver.world import World as Core
 from uwserver.world.sensing.reading import Reading
@@ -301,16 +304,16 @@ class World:
         Raises:
             Refused: the state cannot be saved; the text says why.
         """
-        return self._restored(*self._saved())
+        return self._restored(self._resolved, *self._saved())
 
-    def _saved(self) -> tuple[Resolved, int, bytes, list[Command]]:
+    def _saved(self) -> tuple[int, bytes, list[Command]]:
         posted = [posted.item for posted in self._core.requests.posted if posted.on_reply is None]
         commands = [item for item in posted if isinstance(item, Command)]
         if len(commands) < len(self._core.requests.posted):
             raise Refused(
                 "busy", "a call waits for the next tick, and its caller cannot be copied: step once, then copy"
             )
-        return self._resolved, self.seed, self.save(), commands
+        return self.seed, self.save(), commands
 
     @classmethod
     def _restored(cls, resolved: Resolved, seed: int, state: bytes, commands: list[Command]) -> World:
@@ -330,7 +333,18 @@ class World:
         return self.copy()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return self._restored, self._saved()
+        resolved = self._resolved
+        if not resolved.scenario.extensions:
+            return self._restored, (resolved, *self._saved())
+        if resolved.path is None:
+            text = "the world has components of extensions and comes from no file, so another process cannot load it"
+            raise Refused("denied", text, "extensions")
+        return self._loaded_anew, (resolved.path.absolute(), *self._saved())
+
+    @classmethod
+    def _loaded_anew(cls, file: Path, seed: int, state: bytes, commands: list[Command]) -> World:
+        """Load the scenario again, in a process that may not know its extensions yet, and go to a state."""
+        return cls._restored(load_scenario(file, adapters=installed_adapters()), seed, state, commands)
 
     # -- at a prompt ----------------------------------------------------------------------------------------------------------------
 

@@ -284,6 +284,53 @@ def test_it_says_what_it_is(world):
     assert repr(world) == "<World bluerov2_pool at 1.000 s (tick 240): bluerov2; 10 sensors, 4 actuators>"
 
 
+EXTENSION = """
+from uwserver.actuators.base import ActuatorTable
+from uwserver.ports import Field
+
+
+class PushTable(ActuatorTable, tag="push", kw_only=True, frozen=True):
+    def build(self, body):
+        return Push(body)
+
+
+class Push:
+    doc = "Pushes ahead."
+    fields = (Field("force", "N", "ahead"),)
+
+    def __init__(self, body):
+        self._body = body
+
+    def apply(self, value):
+        self._body.push((value[0][0], 0.0, 0.0))
+
+    def neutral(self):
+        self._body.push((0.0, 0.0, 0.0))
+
+
+ACTUATORS = (PushTable,)
+"""
+PUSHED = """
+schema = 1
+extensions = ["push.py"]
+vehicles.rov = { model = "bluerov2_heavy", position_ned_m = [0.0, 0.0, 5.0], override.actuators.push = { kind = "push" } }
+"""
+
+
+def test_a_world_with_extensions_is_loaded_anew_in_another_process(tmp_path, monkeypatch):
+    """Which knows nothing of their classes."""
+    (tmp_path / "push.py").write_text(EXTENSION)
+    (tmp_path / "pushed.toml").write_text(PUSHED)
+    monkeypatch.chdir(tmp_path)
+    with uwserver.load("pushed.toml") as world:
+        world.command("rov/push", force=50.0)
+        data = pickle.dumps(world)
+        assert b"uwserver_extension" not in data
+        with pickle.loads(data) as other:
+            assert list(other.step(48)) == list(world.step(48))
+            assert other.vehicles["rov"].v_NB_B[0] == world.vehicles["rov"].v_NB_B[0] > 0.0
+
+
 def test_a_scenario_from_python_is_copied_too():
     scenario = ScenarioBuilder("tank", seed=4).vehicle("rov", "bluerov2_heavy", position_ned_m=(0, 0, 2)).build()
     with uwserver.load(scenario) as world, pickle.loads(pickle.dumps(world)) as other:
