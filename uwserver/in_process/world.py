@@ -17,7 +17,7 @@ from uwserver.in_process.describing import Description, described
 from uwserver.in_process.traces import Traces, chosen
 from uwserver.in_process.vehicles import Vehicles
 from uwserver.ports import Command, Event, Json, Port, Refused, Service
-from uwserver.ports.checks import checked_whole, suggestion
+from uwserver.ports.checks import checked_whole, shown, suggestion
 from uwserver.ports.crossing import Posted
 from uwserver.ports.sample_batch import Samples
 from uwserver.scenario.build.world import build
@@ -35,7 +35,16 @@ class World:
     """A world, stepped by the program that loaded it: ``with uwserver.load("bluerov2_pool") as world: world.step(240)``.
 
     Nothing happens but in `step`: the same scenario, seed and commands give the same numbers, bit for bit. Not thread-safe. Copies, also by
-    `copy`, `copy.deepcopy` and `pickle`, go on as their original does.
+    `copy`, `copy.deepcopy` and `pickle`, go on as their original does. `describe` says what there is to read, to command and to call::
+
+        world = uwserver.load("bluerov2_pool", seed=7)
+        dive = world.record("bluerov2/*")
+        for _ in range(100):
+            depth = world.read("bluerov2/depth")
+            u = 0.0 if depth is None else 2.0 * (3.0 - depth.depth)
+            world.command("bluerov2/thrusters", u=[0, 0, 0, 0, *4 * [max(-1, min(1, u))]])
+            world.step(seconds=0.05)
+        print(world.vehicles["bluerov2"].p_NB, dive["bluerov2/depth"].depth.max())
 
     Frames and units are those of all of uwserver: SI, radians, N = north-east-down, B = forward-right-down, quaternions w x y z.
     """
@@ -45,7 +54,12 @@ class World:
 
         Raises:
             Refused: the seed is no whole number, or negative.
+            TypeError: no loaded scenario is given.
         """
+        if not isinstance(resolved, Resolved):
+            raise TypeError(
+                f"uwserver.load({shown(repr(resolved))}) makes a world; World itself takes a scenario that is loaded already"
+            )
         self._resolved = resolved
         self._traces: list[Traces] = []
         self._events: deque[Event] = deque(maxlen=MOST_EVENTS)

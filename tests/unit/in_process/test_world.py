@@ -123,6 +123,11 @@ def test_what_cannot_be_loaded_says_what_can(source):
         uwserver.load(source)
 
 
+def test_the_class_itself_names_what_makes_a_world():
+    with pytest.raises(TypeError, match=r"uwserver.load\('bluerov2_pool'\) makes a world"):
+        World("bluerov2_pool")
+
+
 def test_a_reset_goes_back_to_the_start_and_another_seed_is_that_world(world):
     def dive() -> list[object]:
         world.command("bluerov2/thrusters", u=AHEAD)
