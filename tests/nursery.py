@@ -77,7 +77,7 @@ def warm() -> None:
     for name in WARMING:
         world = uwserver.load(name)
         world.step(300)
-        world.end("warm")
+        world.close()
     gc.collect()
     gc.freeze()
 

@@ -140,7 +140,7 @@ def main() -> None:
             data = json.dumps({"t_ns": t_ns, "valid": valid, "value": rounded}).encode()
             writer.add_message(channels[topic], t_ns, data, t_ns)
 
-        world = uwserver.load(path)
+        world = uwserver.load(path).core
         dive(world, write)
         writer.finish()
     print(f"{FILE.name}: {world.t_ns / 1e9:.1f} s, {FILE.stat().st_size} bytes")

@@ -19,7 +19,7 @@ HALF_ROV_M, HALF_CRATE_M = 0.2285, 0.25
 
 def main() -> None:
     """Ten seconds ahead, five astern."""
-    world = uwserver.load("push_the_crate")
+    world = uwserver.load("push_the_crate").core
     rov, crate = world.vehicles["rov"], world.vehicles["crate"]
     rows = []
     for k in range(15 * 240):

@@ -92,7 +92,7 @@ class Story:
 
 def story(scenario: str, steps: int, seed: int = 1) -> Story:
     """A story for a scenario: some commands to each actuator, and everything else that can happen to a world."""
-    world = uwserver.load(scenario)
+    world = uwserver.load(scenario).core
     rng = np.random.default_rng([seed, *scenario.encode()])
     ports = [port for port in world.ports.values() if port.direction == "actuator" and port.kind != "teleport"]
     if any(port.kind == "autopilot" for port in ports):  # which holds most of the others for most of the time

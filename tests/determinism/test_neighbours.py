@@ -33,7 +33,7 @@ def run(scenario: str, more: str, folder: Path) -> Trace:
     text = (Path(uwserver_scenarios.__file__).parent / f"{scenario}.toml").read_text()
     path = folder / f"{scenario}.toml"
     path.write_text(text.replace("[vehicles.", more + "\n[vehicles.", 1))
-    world, trace = uwserver.load(path), Trace()
+    world, trace = uwserver.load(path).core, Trace()
     for port in world.ports.values():
         if port.kind == "thrusters":
             world.command(port.path, u=[-0.4, -0.4, 0.4, 0.4, 0.9, 0.9, 0.9, 0.9][: port.fields[0].size])

@@ -29,7 +29,7 @@ SPECIAL += ["", "x" * 5000, "../x", b"", b"\xff" * 64, None, True, [], {}]
 
 @pytest.fixture(scope="module", params=["rov_autopilot", "one_of_everything"])
 def world(request: pytest.FixtureRequest) -> World:
-    world = uwserver.load(request.param)
+    world = uwserver.load(request.param).core
     world.step(300)
     return world
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("__main__",),
     ("cli",),  # verbs of a person: may use everything
+    ("in_process",),  # what a Python program gets of a world: may start a server for it
     (
         "server",
         "testing",

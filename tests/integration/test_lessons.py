@@ -30,7 +30,7 @@ class Pilot:
     """Steers `rov` in depth hold."""
 
     def __init__(self, scenario: str) -> None:
-        self.world = uwserver.load(scenario)
+        self.world = uwserver.load(scenario).core
         self.world.step(240)  # until its heading has settled
         self.world.call("rov/autopilot/set_mode", mode="depth_hold")
         self.world.call("rov/autopilot/arm")

@@ -227,7 +227,7 @@ def test_something_is_touched(tmp_path):
 def test_a_state_is_saved_and_loaded(tmp_path):
     said = follow("docs/how-to/states.md", tmp_path)
     assert (tmp_path / "later.uwstate").stat().st_size > 1000
-    assert "tick 480" in printed(said, "snapshot.to_bytes")
+    assert "tick 480" in printed(said, "state = world.save()")
     assert "back at tick" in printed(said, "first = rov.call")
     assert [path.name for path in (tmp_path / "states").iterdir()] == ["calm.uwstate"]
 

@@ -89,7 +89,7 @@ def test_nothing_diverges_for_long(name: str, commanded: bool) -> None:
 
 
 def live(name: str, seconds: int, commanded: bool) -> None:
-    world, rng = uwserver.load(name), np.random.default_rng(7)
+    world, rng = uwserver.load(name).core, np.random.default_rng(7)
     for _ in range(seconds):
         for path, port in world.ports.items() if commanded else ():
             if port.direction == "actuator":
@@ -108,7 +108,7 @@ def live(name: str, seconds: int, commanded: bool) -> None:
 @pytest.mark.parametrize(("axis", "wall", "u"), [(0, 5.0, AHEAD), (1, 3.0, ASIDE)])
 def test_a_wall_of_the_pool_stops_the_vehicle(axis: int, wall: float, u: tuple[float, ...]) -> None:
     """To the north and to the east: its foremost corner gets as far as the wall and no further."""
-    world = uwserver.load("pool_inspection")
+    world = uwserver.load("pool_inspection").core
     fastest = 0.0
     for _ in range(720):
         world.command("bluerov2/thrusters", u=[*(0.35 * sign for sign in u), *level(world, "bluerov2")])
@@ -122,7 +122,7 @@ def test_a_wall_of_the_pool_stops_the_vehicle(axis: int, wall: float, u: tuple[f
 
 def test_on_the_floor_of_the_pool_it_rests_with_its_weight() -> None:
     """Nobody commands: the vehicle is 1 N heavier than fresh water. It sinks, and lies still."""
-    world = uwserver.load("pool_inspection")
+    world = uwserver.load("pool_inspection").core
     world.call("world/let_go")
     state_of(world, "bluerov2")[2] = 2.3
     assert corners(world, "bluerov2")[:, 2].max() < 2.8
@@ -139,7 +139,7 @@ def test_on_the_floor_of_the_pool_it_rests_with_its_weight() -> None:
 
 def test_the_template_stops_a_vehicle_that_is_driven_into_it() -> None:
     """RexROV ahead at the height of the south beam (radius 0.25 m, axis at 5 m south and 113 m deep)."""
-    world = uwserver.load("subsea_template")
+    world = uwserver.load("subsea_template").core
     touched = 0.0
     for _ in range(60):
         p, q = state_of(world, "rexrov")[:3], state_of(world, "rexrov")[3:7]
@@ -156,7 +156,7 @@ def test_the_template_stops_a_vehicle_that_is_driven_into_it() -> None:
 
 
 def test_rays_see_the_template() -> None:
-    world = uwserver.load("subsea_template")
+    world = uwserver.load("subsea_template").core
     materials = load("subsea_template", adapters=installed_adapters()).materials
     origin = np.array(
         [[-12.0, 0.3, 117.3], [-12.0, 0.0, 113.0], [3.2, 3.2, 100.0], [-40.0, 30.0, 100.0], [0.0, 0.0, 50.0]]
@@ -175,7 +175,7 @@ def test_rays_see_the_template() -> None:
 
 
 def test_the_slope_is_as_deep_as_its_grid() -> None:
-    world = uwserver.load("slope")
+    world = uwserver.load("slope").core
     depth = np.load(Path(str(resources.files("uwserver_scenarios"))) / "assets" / "slope.npy")
     rows, columns = np.random.default_rng(1).integers(1, 80, (2, 200))
     origin = np.stack([(rows - 40) * 5.0, (columns - 40) * 5.0, np.ones(200)], axis=1)
@@ -207,7 +207,7 @@ def test_the_slope_has_its_place_on_earth(tmp_path: Path) -> None:
     (tmp_path / "slope.toml").write_text(text.replace("port = 7600", "port = 0"))
     down = np.tile([0.0, 0.0, 1.0], (3, 1))
     origin = np.array([[-30.0, 10.0, 0.0], [0.0, 0.0, 0.0], [25.0, -20.0, 0.0]])
-    worlds = uwserver.load(tmp_path / "slope.toml"), uwserver.load("slope")
+    worlds = uwserver.load(tmp_path / "slope.toml").core, uwserver.load("slope").core
     npy, nc = (world.scene.raycast(origin, down, 100.0).distance for world in worlds)  # type: ignore[union-attr]
     np.testing.assert_allclose(npy, nc, atol=1e-3)
 
@@ -215,7 +215,7 @@ def test_the_slope_has_its_place_on_earth(tmp_path: Path) -> None:
 def test_on_the_slope_friction_holds_the_lander_and_not_the_sled() -> None:
     """tan of the slope is 0.3: the lander's friction is sqrt(0.5 0.6) = 0.55, the sled's sqrt(0.5 0.02) = 0.1, so it gathers speed until its
     drag takes the rest: D v + Q v^2 = W (sin - 0.1 cos)."""
-    world = uwserver.load("slope")
+    world = uwserver.load("slope").core
     params = world.hydro.params[world.vehicles["sled"].row]
     world.step(240)
     lander = state_of(world, "lander")[:3].copy()
@@ -238,7 +238,7 @@ def test_on_the_slope_friction_holds_the_lander_and_not_the_sled() -> None:
 
 
 def test_the_crate_moves_with_the_rov_and_stays_where_it_is_left() -> None:
-    world = uwserver.load("push_the_crate")
+    world = uwserver.load("push_the_crate").core
     start = state_of(world, "crate")[:3].copy()
     on_crate, from_ground, speeds = [], [], []
     rov, crate = (world.vehicles[name].row for name in ("rov", "crate"))
@@ -280,7 +280,7 @@ def test_the_crate_moves_with_the_rov_and_stays_where_it_is_left() -> None:
 
 def test_the_remus_flies_a_line_and_turns_to_the_next() -> None:
     """Depth by the stern planes, heading by the rudder, both from what the vehicle's own sensors say."""
-    world = uwserver.load("remus_survey")
+    world = uwserver.load("remus_survey").core
     wanted, turned_at, depths, tracks = 90.0, None, [], []
     for k in range(1200):
         world.step(24)
@@ -310,7 +310,7 @@ def test_the_remus_flies_a_line_and_turns_to_the_next() -> None:
 
 
 def test_a_hundred_vehicles_come_and_go() -> None:
-    world = uwserver.load("swarm_100")
+    world = uwserver.load("swarm_100").core
     assert len(world.vehicles) == 100
     assert len({vehicle.model for vehicle in world.vehicles.values()}) == 6
     places = np.array([vehicle.p_NB for vehicle in world.vehicles.values()])

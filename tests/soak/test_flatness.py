@@ -49,7 +49,7 @@ def fail_and_mend(world: World, n: int) -> None:
 
 def growth(cycle: Cycle, cycles: int, warm_up: int) -> float:
     """Bytes of resident memory that each cycle has cost, after some that may have built what is kept."""
-    world = uwserver.load("pool_inspection")
+    world = uwserver.load("pool_inspection").core
     before = 0
     for n in range(warm_up + cycles):
         if n == warm_up:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -16,7 +16,7 @@ from uwserver.copies.steps import Steps
 from uwserver.physics.kernel.arrays import FloatArray, IntArray
 from uwserver.physics.kernel.layout import STATE_SIZE
 from uwserver.ports import Event, Json, Refused
-from uwserver.ports.checks import find
+from uwserver.ports.checks import checked_seed, checked_whole, find
 from uwserver.step import rows
 from uwserver.step.streams import NEVER
 from uwserver.world.state.held_start import HeldStart
@@ -72,7 +72,7 @@ class Batch:
             Refused: no such sensor, or as `reset`.
         """
         self._build = build
-        self.n, self.seeds = len(seeds), [int(seed) for seed in seeds]
+        self.n, self.seeds = len(seeds), list(seeds)
         worlds = [build(seed) for seed in self.seeds]
         world = worlds[0]
         for path in sensors or ():
@@ -144,10 +144,10 @@ class Batch:
         """Make `ticks` ticks in all copies, except those that diverge. Returns `diverged`.
 
         Raises:
-            Refused: less than one tick.
+            Refused: less than one tick, or no whole number of them.
         """
-        if ticks < 1:
-            raise Refused("out_of_range", f"step takes 1 tick or more, not {ticks}", "ticks")
+        if type(ticks) is not int or ticks < 1:
+            ticks = checked_whole("ticks", ticks, 1, "step takes a whole number of ticks, 1 or more")
         begin, told = self.ticks, len(self._events)
         now, goal = begin, begin + ticks
         while (going := (self._steps.lost < 0) & (now < goal)).any():
@@ -318,7 +318,7 @@ class Batch:
             Refused: no such copy or parameter, another shape, or out of range; nothing has changed.
         """
         which = self._numbers(copies)
-        given = None if seeds is None else _seeds(seeds, which)
+        given = None if seeds is None else seeds_of(seeds, [0] * len(which))
         self._parameters.set(parameters, which)
         for k, i in enumerate(which.tolist()):
             if given is not None and given[k] != self.seeds[i]:
@@ -377,8 +377,21 @@ def _do_nothing(world: World) -> None:
     """Do nothing in a world. `Batch._act` collects its events nevertheless."""
 
 
-def _seeds(seeds: int | Sequence[int], which: IntArray) -> list[int]:
-    given = [seeds] * len(which) if isinstance(seeds, int) else [int(seed) for seed in seeds]
-    if len(given) != len(which):
-        raise Refused("bad_shape", f"{len(given)} seeds for {len(which)} copies", "seeds")
+def seeds_of(seeds: int | Sequence[int], counts: Iterable[int]) -> list[int]:
+    """Return a seed for each copy.
+
+    Args:
+        seeds: one for each, or a single one.
+        counts: for each copy, what is added to a single seed.
+
+    Raises:
+        Refused: another number of seeds, or one that is no whole number, or is negative.
+    """
+    added = list(counts)
+    if not hasattr(seeds, "__len__"):
+        first = checked_seed(seeds)
+        return [checked_seed(first + more) for more in added]
+    given = [checked_seed(seed) for seed in seeds]  # type: ignore[union-attr]  # only a sequence has a length
+    if len(given) != len(added):
+        raise Refused("bad_shape", f"{len(given)} seeds for {len(added)} copies", "seeds")
     return given

@@ -9,9 +9,10 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from uwserver.copies.batch import Batch
+from uwserver.copies.batch import Batch, seeds_of
 from uwserver.copies.steps import threads_for
 from uwserver.ports import Refused
+from uwserver.ports.checks import checked_whole
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import DEFAULT_ADAPTER
@@ -35,15 +36,11 @@ def begin(
         n, seeds, sensors, parameters, threads: as for `uwserver.batch`.
 
     Raises:
-        Refused: less than one copy, another number of seeds, a scenario that `check` refuses, no such sensor or parameter, or a wrong number
-            of threads.
+        Refused: less than one copy, another number of seeds, a wrong seed, a scenario that `check` refuses, no such sensor or parameter, or
+            a wrong number of threads.
     """
-    if n < 1:
-        raise Refused("out_of_range", f"a batch has 1 copy or more, not {n}", "n")
-    first = resolved.scenario.seed if seeds is None else seeds
-    numbers = [first + k for k in range(n)] if isinstance(first, int) else [int(seed) for seed in first]
-    if len(numbers) != n:
-        raise Refused("bad_shape", f"{len(numbers)} seeds for {n} copies", "seeds")
+    n = checked_whole("n", n, 1, "a batch has a whole number of copies, 1 or more")
+    numbers = seeds_of(resolved.scenario.seed if seeds is None else seeds, range(n))
     count = threads_for(n, threads)
     world = build(resolved, numbers[0])
     check(resolved, world)

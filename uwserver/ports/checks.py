@@ -8,6 +8,7 @@ from __future__ import annotations
 import difflib
 import heapq
 import math
+import operator
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -26,6 +27,8 @@ SHOWN = 80
 """Longest foreign name in an error text, characters."""
 COMPARED = 24
 """Most names that are compared with an unknown one."""
+LARGEST_WHOLE = 2**63 - 1
+"""Largest whole number that TOML, and so a scenario file, can hold."""
 LONGEST_WORD = 256
 """Longest unknown name that is compared, characters."""
 
@@ -78,6 +81,39 @@ def _candidates(word: str, known: list[str]) -> list[str]:
     elif len(known) > COMPARED:
         known = [path for path in known if path.endswith("/" + word)] or known
     return heapq.nsmallest(COMPARED, known, key=lambda path: abs(len(path) - len(word)))
+
+
+def checked_whole(name: str, number: object, least: int = 0, what: str = "") -> int:
+    """Return a whole number that a program in the same process gave; numpy's are whole numbers too.
+
+    Args:
+        name: of the argument.
+        number: any object.
+        least: lowest number.
+        what: the rule in words; "" for ``"name" must be a whole number, 0 or more``.
+
+    Raises:
+        Refused: it is no whole number, or is out of range.
+    """
+    rule = what or f'"{name}" must be a whole number, {least} or more'
+    try:
+        if isinstance(number, bool):
+            raise TypeError
+        whole = operator.index(number)  # type: ignore[arg-type]  # checked by this very call
+    except TypeError:
+        raise Refused("bad_argument", f"{rule}, not {shown(repr(number))}", name) from None
+    if not least <= whole <= LARGEST_WHOLE:
+        raise Refused("out_of_range", f"{rule}, not {whole}", name)
+    return whole
+
+
+def checked_seed(seed: object) -> int:
+    """Return a seed of random numbers: a whole number from 0 to `LARGEST_WHOLE`.
+
+    Raises:
+        Refused: it is anything else.
+    """
+    return checked_whole("seed", seed)
 
 
 def checked_command(port: Port, value: Mapping[str, object]) -> Items:

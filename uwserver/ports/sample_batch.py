@@ -161,6 +161,10 @@ class SampleBatch(Sequence[Sample]):
         return self[len(self) - 1 - self.ports[::-1].index(port)]
 
 
+_ALONE = 3
+"""A sample that is made alone takes as long as so many that are made one after the other."""
+
+
 class Samples(Sequence[Sample]):
     """Samples of several ticks, in their order. It behaves like a list, but makes its samples, all at once, only when they are first read."""
 
@@ -178,13 +182,15 @@ class Samples(Sequence[Sample]):
             self._count += len(piece)
 
     def of(self, ports: Container[str]) -> Iterator[Sample]:
-        """Yield the samples of some ports, by path; the others are not made."""
+        """Yield the samples of some ports, by path. The others are not made, unless it is quicker to make all of a piece."""
         yield from (sample for sample in self._made if sample.port in ports)
         for piece in self._pieces:
             if isinstance(piece, SampleBatch):
-                yield from (piece[k] for k, port in enumerate(piece.ports) if port in ports)
-            else:
-                yield from (sample for sample in piece if sample.port in ports)
+                places = [k for k, port in enumerate(piece.ports) if port in ports]
+                if _ALONE * len(places) <= len(piece):
+                    yield from (piece[k] for k in places)
+                    continue
+            yield from (sample for sample in piece if sample.port in ports)
 
     def _all(self) -> list[Sample]:
         if self._pieces:

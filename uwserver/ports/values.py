@@ -85,6 +85,29 @@ class Field(Struct, frozen=True, gc=False):
         """Number of components."""
         return math.prod(self.shape)
 
+    @property
+    def axes(self) -> str:
+        """Names of the components of a vector or a quaternion, a letter each: xyz, or wxyz; "" if they have only numbers."""
+        if self.is_rotation:
+            return "wxyz"
+        return "xyz" if self.frame and self.shape[-1:] == (3,) else ""
+
+    def part(self, k: int) -> str:
+        """Return the name of component k for the legend of a plot: an axis, or its number from 1."""
+        return self.axes[k] if self.size == len(self.axes) else str(k + 1)
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the components, in row-major order, as columns of a table: ``depth``, ``f_S_x``, ``q_NB_w``, ``beam_ranges_0``.
+
+        The rows of a matrix are numbered, ``velocities_S_4_x``; those of a covariance have the axes of its columns, ``covariance_S_x_y``.
+        """
+        names, axes = [self.name], self.axes
+        for depth, size in enumerate(self.shape, start=1):
+            named = axes and (depth == len(self.shape) or (self.name.startswith("covariance") and size == len(axes)))
+            names = [f"{name}_{part}" for name in names for part in (axes if named else range(size))]
+        return tuple(names)
+
 
 class Propulsor(Struct, frozen=True):
     """The thruster behind one component of a command: its name, its place (m) and the direction of its force at a positive command, in B."""
@@ -233,6 +256,9 @@ class Refused(Exception):
     def __init__(self, code: ErrorCode, text: str, where: str = "") -> None:
         super().__init__(text)
         self.fault = Fault(code, text, where)
+
+    def __reduce__(self) -> tuple[type[Refused], tuple[ErrorCode, str, str]]:
+        return type(self), (self.fault.code, self.fault.text, self.fault.where)
 
 
 class Reply(Struct, frozen=True):

@@ -19,7 +19,7 @@ from uwserver.sensors.base import BOTTOM, SEDIMENT, Sight
 from uwserver.units import NANOSECONDS
 from uwserver.world.bodies.bodies_and_water import Bodies, WaterPart
 from uwserver.world.bodies.members import Member, Population, place_solids
-from uwserver.world.in_process import InProcess
+from uwserver.world.driving import Diverged, Driven
 from uwserver.world.parts.part import Carry, Part, is_awake, schedule_of
 from uwserver.world.parts.profile import Profile, Timer, untimed
 from uwserver.world.parts.vehicle import Vehicle
@@ -43,19 +43,6 @@ __all__ = ["Diverged", "World"]
 _OPEN_WATER = OpenWater()
 
 
-class Diverged(Exception):
-    """The state of a body is not finite, or absurdly fast. The text names the body, the tick and the last commands.
-
-    Attributes:
-        output: replies to the requests that were carried out at the start of the tick, and samples of earlier ticks that were made in the
-            same call.
-    """
-
-    def __init__(self, text: str, output: TickOutput) -> None:
-        super().__init__(text)
-        self.output = output
-
-
 def _report(tick: int, t_ns: int, vehicle: Vehicle | None, commands: Commands) -> str:
     """Return the text of the error. `vehicle` is None if the body has been taken out of the world."""
     if vehicle is None:
@@ -65,10 +52,11 @@ def _report(tick: int, t_ns: int, vehicle: Vehicle | None, commands: Commands) -
     return "\n".join([line, *commands.newest(vehicle.name)])
 
 
-class World(InProcess):
+class World(Driven):
     """All vehicles and their components, stepped tick by tick.
 
-    Build one with `uwserver.load`. Not thread-safe: in a server only the simulation thread uses it.
+    `uwserver.scenario.build.world.build` makes one of a scenario; programs in the same process get `uwserver.World`, which holds it. Not
+    thread-safe: in a server only the simulation thread uses it.
 
     Attributes:
         t_ns: simulation time, ns, computed from `tick`.
@@ -371,6 +359,11 @@ class World(InProcess):
         answers = list(self.answers)
         self.answers.clear()
         return answers
+
+    def take_events(self) -> list[Event]:
+        """Return the events that were queued since the last tick, and drop them: no client is told of them."""
+        events, self._events = self._events, []
+        return events
 
     def say(self, event: str, text: str) -> None:
         """Queue an event for all clients."""

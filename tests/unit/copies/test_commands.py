@@ -52,7 +52,7 @@ def test_a_command_acts_after_its_copys_latency_and_a_reset_drops_what_has_not(b
     late = batch.states()
     assert not np.array_equal(late[1], late[2])
     assert np.allclose(late[1, 7:], prompt[7:], atol=0.02)
-    world = uwserver.load("bluerov2_pool")
+    world = uwserver.load("bluerov2_pool").core
     world.step(10)
     world.command("bluerov2/thrusters", u=[0.5] * 8)
     world.step(10)

@@ -58,7 +58,7 @@ def ground(batch, k):
 def test_a_copy_with_another_seed_is_what_load_gives_of_it_and_the_others_go_on(k, threads):
     """Also the first, of whose constants the others read, and whose world nobody else has any longer."""
     batch = uwserver.batch(noisy(), 3, threads=threads)
-    worlds = [uwserver.load(noisy(), seed=5 + i) for i in range(3)]
+    worlds = [uwserver.load(noisy(), seed=5 + i).core for i in range(3)]
     batch.command("rov/thrusters", u=np.full(8, 0.4))
     for world in worlds:
         world.command("rov/thrusters", u=[0.4] * 8)
@@ -72,7 +72,7 @@ def test_a_copy_with_another_seed_is_what_load_gives_of_it_and_the_others_go_on(
     assert before == [(batch.states()[i].tobytes(), samples(batch, i), places(batch, i)) for i in others]
     assert places(batch, k) == mine
     assert batch.ticks.tolist() == [0 if i == k else 70 for i in range(3)]
-    worlds[k] = uwserver.load(noisy(), seed=77)
+    worlds[k] = uwserver.load(noisy(), seed=77).core
     check_equal(batch, k, worlds[k])
     for _ in range(8):
         batch.command("rov/thrusters", u=np.full(8, -0.3))
@@ -110,7 +110,7 @@ def test_copies_that_need_more_memory_than_the_first_run_all_the_same(monkeypatc
     assert any(within)
     assert not all(within)
     for seed in (6, 60, 61):
-        world = uwserver.load(noisy(), seed=seed)
+        world = uwserver.load(noisy(), seed=seed).core
         batch.reset([1], seeds=seed)
         gc.collect()
         batch.command("rov/thrusters", u=np.full(8, 0.4))
@@ -141,7 +141,7 @@ def test_constants_are_read_of_the_first_copy_where_they_are_alike():
 
 def sluggish(seed):
     """A world whose thrusters do less the higher its seed is: of seed 5 as the scenario says."""
-    world = uwserver.load(noisy(), seed=seed)
+    world = uwserver.load(noisy(), seed=seed).core
     for name in ("G", "D"):
         world.hydro.lags[name] *= 5.0 / seed
     return world
@@ -149,7 +149,7 @@ def sluggish(seed):
 
 def other_table(seed):
     """A world whose thrusters are twice as strong, but for seed 5."""
-    world = uwserver.load(noisy(), seed=seed)
+    world = uwserver.load(noisy(), seed=seed).core
     world.hydro.tables["force"] *= 1.0 if seed == 5 else 2.0
     return world
 

@@ -25,7 +25,7 @@ def test_the_first_is_as_the_scenario_says_whatever_the_others_are():
     u = np.array([0.3, 0.3, -0.3, -0.3, 0, 0, 0, 0])
     batch = pushed(mass=[1, 1.2, 0.9], added_mass=[1, 2, 0.5], damping=[1, 3, 0.3], thruster_gain=[1, 0.5, 1.1])
     for _ in range(2):
-        world = uwserver.load(scenario(), seed=1)
+        world = uwserver.load(scenario(), seed=1).core
         world.command("rov/thrusters", u=u)
         batch.command("rov/thrusters", u=u)
         batch.step(200)

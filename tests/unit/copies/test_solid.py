@@ -54,7 +54,7 @@ def wet():
 
 
 def worlds_of(scenario):
-    return [uwserver.load(scenario, seed=5 + i) for i in range(N)]
+    return [uwserver.load(scenario, seed=5 + i).core for i in range(N)]
 
 
 def check_all(batch, worlds):
@@ -198,7 +198,7 @@ def measured():
 
 def test_four_kinds_need_no_python():
     """And each vehicle tells of its own shafts."""
-    world = uwserver.load(measured())
+    world = uwserver.load(measured()).core
     world.command("other/thrusters", u=[0.5, -0.7, 0, 0, 0, 0, 0, 0])
     samples = {sample.port: sample for sample in world.step(240)}
     assert {why for why, count in world.stops.items() if count} <= {"room"}

@@ -204,7 +204,7 @@ def test_events_have_the_order_of_single_ticks_among_all_copies(threads):
 
 def test_one_call_is_what_load_gives():
     """Of a world that is stepped tick by tick, with samples that are under way for long."""
-    batch, world = uwserver.batch(busy(), 3, threads=3), uwserver.load(busy())
+    batch, world = uwserver.batch(busy(), 3, threads=3), uwserver.load(busy()).core
     batch.command("rov/thrusters", u=np.full(8, 0.5))
     world.command("rov/thrusters", u=[0.5] * 8)
     batch.step(600)
@@ -226,7 +226,7 @@ def test_rates_that_are_no_whole_numbers_keep_the_times_of_a_world(rate_hz):
     """The last has 14 digits."""
     b = ScenarioBuilder("odd", rate_hz=rate_hz).vehicle("rov", "bluerov2_heavy_von_benzon", position_ned_m=[0, 0, 3])
     b.sensor("rov", "ahrs", "attitude", rate_hz=rate_hz, profile="mems_ahrs")
-    batch, world = uwserver.batch(b.build(), 2), uwserver.load(b.build())
+    batch, world = uwserver.batch(b.build(), 2), uwserver.load(b.build()).core
     for _ in range(2):
         batch.step(2500)
         world.step(2500)

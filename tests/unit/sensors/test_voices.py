@@ -52,7 +52,7 @@ def world_of(folder: Path, other: str, first: bool, second: bool) -> Any:
     )
     file = folder / f"{other}{first}{second}.toml"
     file.write_text(text)
-    return uwserver.load(file)
+    return uwserver.load(file).core
 
 
 def heard_in(world: Any, ticks: int = HZ) -> np.ndarray:
@@ -120,7 +120,7 @@ def test_what_is_heard_does_not_depend_on_who_stands_first_nor_on_who_came_and_w
     for order in (LINES, LINES[::-1]):
         file = tmp_path / f"{order[0][:3]}.toml"
         file.write_text(VEHICLE + "\n".join(order))
-        worlds.append(uwserver.load(file))
+        worlds.append(uwserver.load(file).core)
     one, other = worlds
     assert told_by(one) == told_by(other)
     state = snapshot.take(one)

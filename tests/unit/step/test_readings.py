@@ -34,7 +34,7 @@ dvl = { kind = "dvl", profile = "a50", rate_hz = 10 }
 def world(tmp_path: Path) -> World:
     file = tmp_path / "pings.toml"
     file.write_text(SCENARIO)
-    return uwserver.load(file)
+    return uwserver.load(file).core
 
 
 def values(world: World, ticks: int) -> list[Any]:
@@ -43,7 +43,7 @@ def values(world: World, ticks: int) -> list[Any]:
 
 def test_sensors_that_come_move_the_arrays_of_the_others(world: World, tmp_path: Path) -> None:
     values(world, 10)
-    alone = uwserver.load(tmp_path / "pings.toml")
+    alone = uwserver.load(tmp_path / "pings.toml").core
     values(alone, 10)
     for k in range(3):
         world.call("world/spawn", name=f"r{k}", like="rov", p_NB=[20.0 * k + 20.0, 0.0, 5.0])
@@ -57,7 +57,7 @@ def test_what_is_asked_for_without_errors_changes_no_other_reading(world: World,
     both = SCENARIO.replace("[vehicles.rov.sensors]\n", imu)
     both = both.replace(" }\n", ", streams = { ideal = { ideal = true } } }\n")
     file.write_text(both)
-    twice = uwserver.load(file)
+    twice = uwserver.load(file).core
     told = values(twice, 480)
     mine = [value for value in told if not value[0].endswith("/ideal")]
     assert [value for value in mine if value[0] != "rov/imu"] == [
@@ -100,7 +100,7 @@ def test_none_is_lost_where_room_is_made_amid_a_tick(tmp_path: Path) -> None:
     """Compounds are delivered after the others of their tick, and there are many at once at the first."""
     file = tmp_path / "many.toml"
     file.write_text(MANY)
-    some, whole = uwserver.load(file), uwserver.load(file)
+    some, whole = uwserver.load(file).core, uwserver.load(file).core
     wanted = {f"{name}/{port}" for name in ("v_3", "v_7", "v_12") for port in ("imu", "b1")}
     some.subscribe(wanted)
     for _ in range(12):
@@ -111,7 +111,7 @@ def test_a_scene_that_comes_later_is_seen_at_once(world: World, tmp_path: Path) 
     """One is made by the first spawn into open water, also if that is refused."""
     file = tmp_path / "open.toml"
     file.write_text(SCENARIO.replace("[seabed]\n", "").replace('kind = "flat"\ndepth_m = 12\n', ""))
-    alone = uwserver.load(file)
+    alone = uwserver.load(file).core
     assert not [port for port, *_, valid, _ in values(alone, 60) if valid and port == "rov/sounder"]
     assert world.scene is not None
     alone.set_scene(world.scene)

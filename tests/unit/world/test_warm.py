@@ -78,7 +78,7 @@ from uwserver.physics.kernel.numba_private.caches import EntryCache
 made = []
 EntryCache.save_overload = lambda cache, sig, data: made.append(cache._kernel)
 kernels = integrator.advance_fitted, step.strike_fitted, step.finish_contacts, broad_phase.find_pairs, narrow_phase.find_contacts
-world = uwserver.load("slope")
+world = uwserver.load("slope").core
 loaded = [len(kernel.signatures) for kernel in kernels]
 world.step(30)
 print(loaded == [len(kernel.signatures) for kernel in kernels], len(world.hydro.touched.impulse) > 0)

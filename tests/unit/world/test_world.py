@@ -1,4 +1,4 @@
-"""The tick: its order, its time, what a command does and when. Also of uwserver.world.in_process."""
+"""The tick: its order, its time, what a command does and when. Also of uwserver.world.driving."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def test_a_command_in_the_same_process_is_checked_once(world, monkeypatch):
 
 def test_what_rays_meet_is_made_before_a_run_that_the_clock_paces(monkeypatch):
     """For sensors in compiled code, and for those in Python; else it would make the tick late in which the first ray is cast."""
-    world = uwserver.load("follow_the_pipe")
+    world = uwserver.load("follow_the_pipe").core
     world.prepare()
     made = []
     for name in ("make_picker", "grow"):
@@ -146,7 +146,7 @@ def test_what_rays_meet_is_made_before_a_run_that_the_clock_paces(monkeypatch):
 
 
 def test_the_report_names_body_tick_and_commands():
-    world = uwserver.load("bluerov2_pool")
+    world = uwserver.load("bluerov2_pool").core
     world.command("bluerov2/wrench", force_B=[1, 2, 3])
     world.step()
     world.hydro.state[world.vehicles["bluerov2"].row, 0] = float("nan")

@@ -266,7 +266,7 @@ def _over_time(port: Port, samples: Sequence[Sample]) -> Figure:
         else:
             style = {"drawstyle": "steps-post"} if field.type in ("bool", "int") else {}
             for k, column in enumerate(values.T):
-                axis.plot(t, column, ".-" if len(t) < 200 else "-", ms=2, lw=0.9, label=_part(field, k), **style)
+                axis.plot(t, column, ".-" if len(t) < 200 else "-", ms=2, lw=0.9, label=field.part(k), **style)
             if field.size > 1:
                 axis.legend(fontsize=6, ncols=field.size, loc="upper right")
         unit = "" if field.unit == "1" else f"\n{field.unit}"
@@ -289,12 +289,6 @@ _PICTURES: Mapping[str, Callable[[Port, Sequence[Sample]], Figure]] = {
     "BeaconFix": _beacons,
     "BeaconRange": _beacons,
 }
-
-
-def _part(field: Field, k: int) -> str:
-    if field.is_rotation:
-        return "wxyz"[k]
-    return "xyz"[k] if field.frame and field.size == 3 else str(k + 1)
 
 
 def _shade(axis: Any, t: FloatArray, samples: Sequence[Sample]) -> None:

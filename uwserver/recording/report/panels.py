@@ -246,16 +246,8 @@ def _fields(
             yield Panel(series.vehicle, group, title, "", picture=picture)
             continue
         stepped = is_stepped or field.type in ("bool", "int")
-        lines = tuple(
-            Line(_part(field.frame, field.size, field.is_rotation, k), row, stepped) for k, row in enumerate(valid.T)
-        )
+        lines = tuple(Line(field.part(k), row, stepped) for k, row in enumerate(valid.T))
         yield Panel(series.vehicle, group, title, field.unit, (Table(series.t, lines),))
-
-
-def _part(frame: str, size: int, is_rotation: bool, k: int) -> str:
-    if is_rotation:
-        return "wxyz"[k]
-    return "xyz"[k] if frame and size == 3 else str(k + 1)
 
 
 def _locks(series: Series) -> Panel:

@@ -8,6 +8,7 @@ from uwserver.environment.acoustics.boundaries import lambert, sediments
 from uwserver.environment.earth import NO_FIELD, Earth
 from uwserver.physics.bodies import Hydrodynamics
 from uwserver.physics.dynamics.appendage_params import Appendages
+from uwserver.ports.checks import checked_seed
 from uwserver.scenario.build.members import build_scene, physics_rate, stream_of
 from uwserver.scenario.build.modems import add_medium
 from uwserver.scenario.build.population import ScenarioPopulation
@@ -31,13 +32,16 @@ def build(resolved: Resolved, seed: int | None = None, like: World | None = None
 
     Args:
         resolved: a loaded and checked scenario.
-        seed: replaces the seed of the scenario.
+        seed: replaces the seed of the scenario; a whole number, 0 or more.
         like: another world of this scenario, stepped in the same thread. Nothing has to be compiled then, and the worlds share read-only data.
+
+    Raises:
+        Refused: the seed is something else.
     """
     scenario = resolved.scenario
     rate = physics_rate(scenario.world.rate_hz)
     hydro = Hydrodynamics((), float(1 / rate))
-    seed = scenario.seed if seed is None else seed
+    seed = scenario.seed if seed is None else checked_seed(seed)
     water = water_of(scenario.environment, float(rate), partial(stream_of, seed))
     hydro.sea = None if water.sea is None else water.sea.rows
     if isinstance(scenario.seabed, FlatSeabed):

@@ -64,6 +64,9 @@ class ScenarioError(Exception):
         alone = len(self.problems) == 1 and not (self.problems[0].line or self.problems[0].path)
         super().__init__("\n".join(lines if alone else [*lines, f"{errors} error{'' if errors == 1 else 's'}"]))
 
+    def __reduce__(self) -> tuple[type[ScenarioError], tuple[tuple[Problem, ...]]]:
+        return type(self), (self.problems,)
+
 
 def label_of(path: Path) -> str:
     """Return the path as a user would type it: relative if it lies below the working folder."""

@@ -13,6 +13,7 @@ import msgspec
 from msgspec import UnsetType
 
 from uwserver.autopilot.config import AutopilotConfig
+from uwserver.ports.checks import shown
 from uwserver.scenario.files.convert import Converter, Node, NodeCache, Report, check_known, check_name
 from uwserver.scenario.files.documents import Document, find, from_tables, named, read
 from uwserver.scenario.files.errors import KeyPath, Problem, ScenarioError, Severity
@@ -50,6 +51,7 @@ def load(source: str | Path | Scenario, *, adapters: Mapping[str, type]) -> Reso
 
     Raises:
         ScenarioError: it or one of its files has errors; the exception has all errors and warnings.
+        TypeError: the source is something else.
     """
     return _Load(_open(source), adapters).result()
 
@@ -91,6 +93,9 @@ def with_default_adapter(document: Document, adapters: Mapping[str, type]) -> Do
 def _open(source: str | Path | Scenario) -> Document:
     if isinstance(source, Scenario):
         return from_tables(tables(source), source.title or "scenario")
+    if not isinstance(source, str | Path):
+        wanted = 'the name of a shipped scenario ("bluerov2_pool"), the path of a .toml file, or a Scenario (ScenarioBuilder makes one)'
+        raise TypeError(f"load takes {wanted}, not {shown(repr(source))}")
     problems: list[str] = []
     reference = source if isinstance(source, str) else os.fspath(source.absolute())
     path = find(reference, "", Path.cwd(), problems.append)

@@ -126,7 +126,7 @@ def test_it_tells_its_age_and_its_distance():
     world.step(20)
     state, difference = world.read("other/state"), world.read("other/difference")
     assert state.valid
-    assert state.p_NB == (2.0, 0.0, 4.0)
+    assert tuple(state.p_NB) == (2.0, 0.0, 4.0)
     assert state.age == pytest.approx(20 / 240)
     assert state.count == 1
     down = 4.0 - world.vehicles["rov"].p_NB[2]

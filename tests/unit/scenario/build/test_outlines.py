@@ -82,7 +82,7 @@ def test_it_looks_out_of_its_own_hull_and_one_bar_hides_the_other(tmp_path: Path
     world = made(tmp_path, '["bar", "bar_behind"]')
     world.step(4)
     told = world.read("rov/training")
-    assert (told.hint, told.goal_p_NB) == ("keep looking", (2.0, 0.0, 5.0))
+    assert (told.hint, *told.goal_p_NB) == ("keep looking", 2.0, 0.0, 5.0)
     behind = made(tmp_path, '["bar_behind"]')
     behind.step(4)
     assert behind.read("rov/training").hint == "it is hidden: go round"

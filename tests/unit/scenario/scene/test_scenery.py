@@ -92,7 +92,7 @@ def test_the_waves_are_those_of_the_physics() -> None:
 
 
 def test_nothing_is_worked_out_before_somebody_asks() -> None:
-    world = uwserver.load("slope")
+    world = uwserver.load("slope").core
     scenery = Scenery(loaded("slope"), world)
     assert scenery.meshes.data == {}
     scene = scenery.scene(SceneProbe(world).state().entities)
@@ -102,7 +102,7 @@ def test_nothing_is_worked_out_before_somebody_asks() -> None:
 
 
 def test_what_was_spawned_is_described_under_its_own_name() -> None:
-    world = uwserver.load("pool_inspection")
+    world = uwserver.load("pool_inspection").core
     scenery, scene_probe = Scenery(loaded("pool_inspection"), world), SceneProbe(world)
     first = scenery.scene(scene_probe.state().entities)
     like = first.vehicles[0].name
@@ -135,7 +135,7 @@ def test_the_water_is_of_the_type_that_the_scenario_names() -> None:
 
 
 def test_lamps_are_where_their_mounts_are() -> None:
-    world = uwserver.load("bluerov2_pool")
+    world = uwserver.load("bluerov2_pool").core
     scene = Scenery(loaded("bluerov2_pool"), world).scene(SceneProbe(world).state().entities)
     lamps = scene.vehicles[0].lamps
     assert [lamp.name for lamp in lamps] == ["left", "right"]

@@ -198,7 +198,7 @@ then = { kind = "scanning_sonar", rate_hz = 24, range_m = 5, frequency_hz = 460e
 def world_of(folder: Path, first: bool, second: bool) -> Any:
     file = folder / f"{first}{second}.toml"
     file.write_text(ABOARD.replace("FIRST", str(first).lower()).replace("SECOND", str(second).lower()))
-    return uwserver.load(file)
+    return uwserver.load(file).core
 
 
 def ping_of(world: Any, ticks: int = 120) -> np.ndarray:

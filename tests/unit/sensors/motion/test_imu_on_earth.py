@@ -130,7 +130,7 @@ def test_its_readings_lead_to_where_the_vehicle_is(latitude_deg, seconds):
         truth={"rate_hz": 240},
     )  # fmt: skip
     b.sensor("rov", "imu", "imu", rate_hz=240, ideal=True)
-    world = uwserver.load(b.build())
+    world = uwserver.load(b.build()).core
     world.command("rov/thrusters", u=[0.4, 0.42, -0.4, -0.4, 0.0, 0.0, 0.0, 0.0])
     world.step(720)  # its first pitch is too quick for the trapezium rule
     seen: dict[str, list] = {"rov/imu": [], "rov/truth/pose": [], "rov/truth/velocity": []}
@@ -206,7 +206,7 @@ def test_what_is_neutral_stays_so_everywhere(latitude_deg, depth):
     b.free_object("ball", "sphere", radius_m=0.5, density_kgpm3=1030.0, position_ned_m=[0, 0, depth])
     b.free_object("heavy", "sphere", radius_m=0.5, density_kgpm3=2060.0, position_ned_m=[9, 0, depth])
     b.vehicle("auv", "bluerov2_heavy", position_ned_m=[20, 0, depth])
-    world = uwserver.load(b.build())
+    world = uwserver.load(b.build()).core
     g = normal_gravity(rad(latitude_deg)) * (1.0 + GRAVITY_GROWTH * depth)
     rows = {name: body.row for name, body in world.vehicles.items()}
     world.step(1)

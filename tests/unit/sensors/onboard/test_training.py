@@ -161,7 +161,7 @@ def test_what_would_be_no_task_is_refused(make, text):
 
 def test_the_shipped_lesson_can_be_learned_and_a_snapshot_goes_on():
     """The autopilot keeps the depth of the first task; the state in the middle of it gives the same end."""
-    world = uwserver.load("pilot_training")
+    world = uwserver.load("pilot_training").core
     world.step(24)
     assert world.read("rov/training").state == "ready"
     world.call("rov/autopilot/set_mode", mode="depth_hold")

@@ -197,7 +197,7 @@ def test_each_stage_and_kind_has_its_line(make_world) -> None:
 
 
 def test_autopilots_have_theirs_and_so_has_who_hears() -> None:
-    world = uwserver.load("bluerov2_qgc")
+    world = uwserver.load("bluerov2_qgc").core
     report, _ = measured(world, 48)
     told = lines(report)
     assert told["autopilots", "autopilots"].calls == 48 / 4
@@ -206,7 +206,7 @@ def test_autopilots_have_theirs_and_so_has_who_hears() -> None:
 
 
 def test_contact_is_told_apart_from_the_bodies() -> None:
-    world = uwserver.load("push_the_crate")
+    world = uwserver.load("push_the_crate").core
     world.step(120)  # until it lies
     told = lines(measured(world, 10)[0])
     assert told["contact", "detection"].calls == told["contact", "response"].calls == 10
@@ -214,7 +214,7 @@ def test_contact_is_told_apart_from_the_bodies() -> None:
 
 
 def test_who_comes_while_it_is_measured_is_measured() -> None:
-    world = uwserver.load("bluerov2_pool")
+    world = uwserver.load("bluerov2_pool").core
     profile = Profile(Clock(1000))
     world.watch(profile)
     window = profile.open()

@@ -40,7 +40,7 @@ def test_what_is_written_in_python_needs_it_and_texts_wait_there() -> None:
 
 
 def test_of_a_vehicle_compiled_code_does_everything_and_writes_what_its_autopilot_says() -> None:
-    world = uwserver.load("bluerov2_qgc")
+    world = uwserver.load("bluerov2_qgc").core
     needs = {path.partition("/")[2]: needs_of([slot]) for path, slot in world.sensors.items()}
     assert needs.pop("autopilot/state") == NEEDS_TEXTS
     assert set(needs.values()) <= {0, NEEDS_RATES}
@@ -48,7 +48,7 @@ def test_of_a_vehicle_compiled_code_does_everything_and_writes_what_its_autopilo
 
 
 def test_heads_of_a_group_stand_together_and_those_of_a_kind_beside_each_other() -> None:
-    world = uwserver.load("bluerov2_qgc")
+    world = uwserver.load("bluerov2_qgc").core
     made = timetable_of(world.sensing.groups, world.sensor_arrays)
     for group, row in zip(world.sensing.groups, made.rows["groups"], strict=True):
         heads = made.rows["scheduled"][row["first"] : row["first"] + row["count"]].tolist()

@@ -18,7 +18,7 @@ def world() -> World:
     begun = ScenarioBuilder("watched")
     begun.vehicle("rov", "bluerov2_heavy", position_ned_m=(1.0, 2.0, 3.0))
     begun.vehicle("auv", "remus100", position_ned_m=(9.0, 8.0, 7.0))
-    return uwserver.load(begun.build())
+    return uwserver.load(begun.build()).core
 
 
 def test_poses_are_those_of_the_bodies(world: World) -> None:
@@ -95,7 +95,7 @@ def test_the_revision_rises_when_somebody_comes_or_goes(world: World) -> None:
 
 
 def test_free_objects_stand_behind_the_vehicles() -> None:
-    world = uwserver.load("push_the_crate")
+    world = uwserver.load("push_the_crate").core
     state = SceneProbe(world).state()
     assert state.entities.objects
     assert len(state.poses) == len(state.entities.vehicles) + len(state.entities.objects)

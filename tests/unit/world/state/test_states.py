@@ -76,7 +76,7 @@ from uwserver.world.state import snapshot
 
 jobs = msgspec.msgpack.decode(sys.stdin.buffer.read())
 for name, (scenario, data, ticks, _) in jobs.items():
-    world = uwserver.load(scenario)
+    world = uwserver.load(scenario).core
     snapshot.from_bytes(world, data)
     world.step(ticks)
     print(name, snapshot.take(world).hash())
@@ -116,7 +116,7 @@ def fly(world: World) -> None:
 
 def in_the_middle(name: str) -> World:
     """A scenario in the middle of a mission, of faults of thrusters, a sensor and a hull, and under thrust, as far as it has these."""
-    world = uwserver.load(name)
+    world = uwserver.load(name).core
     world.step(50)
     fly(world)
     of_kind = {port.kind: path for path, port in reversed(world.ports.items())}
@@ -143,14 +143,14 @@ Jobs = dict[str, tuple[str, bytes, int, str]]
 
 def ping(name: str, jobs: Jobs, times: int) -> None:
     """States of ticks in which a ping of the sonar, and an exchange with beacons, are under way."""
-    world = uwserver.load(name)
+    world = uwserver.load(name).core
     world.step(240)
     for _ in range(times):
         world.step(1)
         while not any(slot.sensor.wake is not None for slot in world.sensors.values()):
             world.step(1)
         state = snapshot.to_bytes(world, snapshot.take(world))
-        on = uwserver.load(name)
+        on = uwserver.load(name).core
         snapshot.from_bytes(on, state)
         on.step(120)
         jobs[f"{name}, exchange at tick {world.tick}"] = (name, state, 120, snapshot.take(on).hash())
@@ -201,7 +201,7 @@ def everything(
     """A world with one of every kind after some seconds, another one that took its state over as bytes, and the state at the start."""
     folder = tmp_path_factory.mktemp("extended")
     scenario = str(extended(folder)) if request.param == "extended" else request.param
-    world, other = (uwserver.load(scenario) for _ in range(2))
+    world, other = (uwserver.load(scenario).core for _ in range(2))
     start = snapshot.take(other)
     for path, port in world.ports.items():
         if port.direction == "actuator" and port.kind in DRIVEN:
@@ -248,7 +248,7 @@ def test_what_came_later_is_there_too_and_all_go_on_alike(
 
 def test_the_state_of_a_part_matters() -> None:
     """A state in which one part is as it was at the start goes on otherwise, or that part's state holds nothing of use."""
-    world = uwserver.load("rov_autopilot")
+    world = uwserver.load("rov_autopilot").core
     world.call("world/let_go")
     start = snapshot.take(world)
     world.step(301)
@@ -266,7 +266,7 @@ def test_the_state_of_a_part_matters() -> None:
 
 def test_at_any_tick_of_pings_and_exchanges() -> None:
     """Sonar pings, USBL and LBL exchanges take many ticks: a state from any of them goes on alike."""
-    world, other = (uwserver.load("one_of_everything") for _ in range(2))
+    world, other = (uwserver.load("one_of_everything").core for _ in range(2))
     world.step(240)
     states, samples = [], []
     for _ in range(90):
@@ -471,7 +471,7 @@ def test_nothing_named_in_it_is_opened(make_world: Callable[..., World], tmp_pat
 
 def test_a_member_does_not_keep_rows_that_have_moved() -> None:
     """Bodies before it had no thrusters then, and have some now: commands must reach its own."""
-    world, like = uwserver.load("push_the_crate"), uwserver.load("push_the_crate")
+    world, like = uwserver.load("push_the_crate").core, uwserver.load("push_the_crate").core
     objects = [name for name, member in world.members.items() if not member.actuators]
     rovs = [name for name, member in world.members.items() if member.actuators]
     for each in (world, like):
@@ -491,7 +491,7 @@ def test_a_member_does_not_keep_rows_that_have_moved() -> None:
 
 
 def test_a_refused_spawn_leaves_the_collisions_on() -> None:
-    world = uwserver.load("bluerov2_open_sea")
+    world = uwserver.load("bluerov2_open_sea").core
     (name,) = world.vehicles
     with pytest.raises(Refused, match="would begin inside"):
         world.call("world/spawn", name="x", like=name, p_NB=list(world.vehicles[name].p_NB))
@@ -515,7 +515,7 @@ def test_faults_in_any_order_can_be_saved(world: World) -> None:
 
 @pytest.mark.parametrize("port", ["rov/imu", "rov/ahrs", "rov/dvl", "rov/depth"])
 def test_samples_that_no_sensor_gives_do_not_stop_the_autopilot(port: str) -> None:
-    world = uwserver.load("rov_autopilot")
+    world = uwserver.load("rov_autopilot").core
     world.step(300)
     width = sum(field.size for field in world.ports[port].fields)
     for number in (math.nan, 1e308, math.inf, 0.0):
@@ -543,7 +543,7 @@ def test_numbers_that_could_not_be_saved_again_are_refused(
 
 
 def test_a_mission_without_items_is_not_under_way() -> None:
-    world = uwserver.load("rov_autopilot")
+    world = uwserver.load("rov_autopilot").core
     fly(world)
     data = forged(world, lambda raw: raw["parts"]["rov/autopilot"]["pilot"].update(items=[]))
     assert "its mission does not have" in refusal(world, data)
@@ -575,7 +575,7 @@ def test_a_default_that_is_spelt_out_is_the_default(tmp_path: Path) -> None:
     ):
         path = tmp_path / f"{k}.toml"
         path.write_text(SPELT.format(**words))
-        world = uwserver.load(path)
+        world = uwserver.load(path).core
         world.step(60)
         hashes.add(snapshot.take(world).hash())
     assert len(hashes) == 1

@@ -22,7 +22,7 @@ from uwserver.world.world import World
 
 @pytest.fixture(scope="module")
 def flown() -> World:
-    world = uwserver.load("rov_autopilot")
+    world = uwserver.load("rov_autopilot").core
     world.step(300)
     world.call("rov/autopilot/arm", force=True)
     world.step(100)
@@ -73,11 +73,11 @@ def test_compiled_code_hears_the_sensors_of_its_estimate(flown: World) -> None:
 
 @pytest.mark.parametrize("wanted", [None, (), ("rov/depth", "rov/autopilot/state")])
 def test_it_hears_the_same_whoever_else_reads(wanted: Any) -> None:
-    world = uwserver.load("rov_autopilot")
+    world = uwserver.load("rov_autopilot").core
     world.subscribe(wanted)
     read = {sample.port for sample in world.step(240)}
     assert read == set(wanted) if wanted is not None else read > {"rov/ahrs", "rov/depth"}
-    other = uwserver.load("rov_autopilot")
+    other = uwserver.load("rov_autopilot").core
     other.step(240)
     assert pilot_of(world).save() == pilot_of(other).save()
     assert pilot_of(world).pilot.estimate.depth_ns > 0
@@ -157,7 +157,7 @@ def test_a_state_of_another_vehicle_is_refused(flown: World, change: dict[str, b
 
 
 def test_who_waits_for_the_end_of_a_way_is_answered_when_it_leaves() -> None:
-    world = uwserver.load("rov_autopilot")
+    world = uwserver.load("rov_autopilot").core
     world.step(300)
     world.call("rov/autopilot/arm", force=True)
     world.call("rov/autopilot/set_mode", mode="guided")

@@ -53,7 +53,7 @@ rate_hz = 2
 def world_with(count, tmp_path):
     path = tmp_path / f"swarm_{count}.toml"
     path.write_text(SWARM.format(threads=count))
-    return uwserver.load(path)
+    return uwserver.load(path).core
 
 
 def run(world, ticks):
@@ -98,7 +98,7 @@ def kernel_threads():
 
 
 def test_a_small_world_begins_no_thread():
-    world = uwserver.load("bluerov2_pool")
+    world = uwserver.load("bluerov2_pool").core
     assert kernel_threads() == []
     assert world.threads.trial is None
     assert world.hydro.team is ALONE
