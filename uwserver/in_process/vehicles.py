@@ -133,6 +133,11 @@ class Vehicle:
         """(6,) force (N) and moment (N m) of all actuators about the body origin in B, from the present lag states."""
         return np.array(self._row.wrench)
 
+    @property
+    def is_held(self) -> bool:
+        """Whether it stays where it starts, until something on board acts (`start = "held"`)."""
+        return self._row.is_held
+
     def set_state(
         self,
         *,
@@ -201,7 +206,8 @@ class Vehicle:
     def __repr__(self) -> str:
         (north, east, down), (roll, pitch, yaw) = self.p_NB, self.rpy
         place = f"p_NB = ({north:.3f}, {east:.3f}, {down:.3f}) m, roll, pitch, yaw = ({roll:.3f}, {pitch:.3f}, {yaw:.3f}) rad"
-        return f"<{self.name} ({self.model}): {place}, speed {math.hypot(*self.v_NB_B):.3f} m/s>"
+        speed = "held until the first command" if self.is_held else f"speed {math.hypot(*self.v_NB_B):.3f} m/s"
+        return f"<{self.name} ({self.model}): {place}, {speed}>"
 
 
 def _angles(rpy: ArrayLike) -> tuple[float, float, float]:

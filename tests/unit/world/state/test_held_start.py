@@ -85,8 +85,10 @@ def test_a_world_for_programs_is_held_too() -> None:
     begin = list(world.vehicles["rov"].p_NB)
     world.step(240)
     assert list(world.vehicles["rov"].p_NB) == begin
+    assert "held until the first command" in repr(world.vehicles["rov"])
     world.command("rov/thrusters", u=HOVER)
     world.step(24)
+    assert not world.vehicles["rov"].is_held
     assert list(world.vehicles["rov"].p_NB) != begin
 
 
