@@ -51,7 +51,7 @@ from uwserver.scenario.files import documents, locate
 from uwserver.scenario.load import checks, scenario
 from uwserver.scenario.load.tables import Server
 from uwserver.scenario.solids import archive, assets, bathymetry, memory
-from uwserver.server import http, life_cycle, profiling, recordings, state_files
+from uwserver.server import adapters, http, life_cycle, profiling, recordings, state_files
 from uwserver.simulation import bus, intake, mailbox, thread
 from uwserver.units import NANOSECONDS
 from uwserver.world.state import saving, services, snapshot
@@ -405,7 +405,7 @@ def _health() -> Iterator[Row]:
 def _life() -> Iterator[Row]:
     yield (
         "a start without progress",
-        f"{life_cycle.START_TIMEOUT_S:g} s",
+        f"{adapters.START_TIMEOUT_S:g} s",
         "the server ends and says what it waited for",
     )
     yield (

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import weakref
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from fractions import Fraction
 from numbers import Real
 from pathlib import Path
@@ -14,6 +16,8 @@ from typing import Any, NoReturn
 from uwserver.adapter import installed_adapters
 from uwserver.environment.water import Water
 from uwserver.in_process.describing import Description, described
+from uwserver.in_process.progress import is_notebook, with_progress
+from uwserver.in_process.serving import PAGE, Serving, configured, hosting_time, show_page, wanted_tables
 from uwserver.in_process.traces import Traces, chosen
 from uwserver.in_process.vehicles import Vehicles
 from uwserver.ports import Command, Event, Json, Port, Refused, Service
@@ -23,6 +27,7 @@ from uwserver.ports.sample_batch import Samples
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.load.scenario import load as load_scenario
+from uwserver.server.hosted import Hosted
 from uwserver.world import Diverged, snapshot
 from uwserver.world import World as Core
 from uwserver.world.sensing.reading import Reading
@@ -64,6 +69,9 @@ class World:
         self._traces: list[Traces] = []
         self._events: deque[Event] = deque(maxlen=MOST_EVENTS)
         self._is_closed = False
+        self._hosted: Hosted | None = None
+        self._page: Serving | None = None
+        self._held: AbstractContextManager[object] = nullcontext()
         self._begin(build(resolved, seed))
         self._vehicles = Vehicles(lambda: self._core)
 
@@ -164,7 +172,7 @@ class World:
         if self._is_closed:
             raise Refused("shutdown", "the world is closed: load it again")
         try:
-            samples = self._core.step(n, self._events)
+            samples = with_progress(self._run, n, self.dt_s)
         except Diverged as diverged:
             self._take(diverged.samples)
             raise
@@ -172,9 +180,21 @@ class World:
             self._take(samples)
         return samples
 
+    def _run(self, n: int) -> Samples:
+        if self._hosted is None:
+            return self._core.step(n, self._events)
+        samples = self._hosted.stepped.step(n, self._events)
+        if self._core.jumps != self._jumps:  # a client has set the time
+            self._begin_anew()
+        return samples
+
     def _take(self, samples: Samples) -> None:
         for traces in self._traces:
             traces.take(samples)
+
+    def _take_events(self) -> None:
+        """Keep the events that no step has given yet, and let clients have them too."""
+        self._events += self._core.take_events() if self._hosted is None else self._hosted.stepped.take_events()
 
     def _ticks_of(self, n: object, seconds: object) -> int:
         rate = self._core.rate_hz
@@ -206,13 +226,17 @@ class World:
         if self._is_closed:
             raise Refused("shutdown", "the world is closed: load it again")
         core = self._core
-        if seed is not None and checked_whole("seed", seed) != core.seed:
-            self._begin(build(self._resolved, seed, like=core))
-            core.end("the world was reset with another seed")
-            self._core.say("reset", f"the world is at its start, with seed {seed}")
-        else:
-            core.requests.posted.clear()
-            core.call("world/reset")
+        with self._held:
+            if seed is not None and checked_whole("seed", seed) != core.seed:
+                self._begin(build(self._resolved, seed, like=core))
+                core.end("the world was reset with another seed")
+                self._core.say("reset", f"the world is at its start, with seed {seed}")
+                if self._hosted is not None:
+                    self._hosted.follow(self._core)
+            else:
+                core.requests.posted.clear()
+                core.call("world/reset")
+            self._take_events()
         self._begin_anew()
 
     def close(self) -> None:
@@ -220,6 +244,8 @@ class World:
         stays. A world that is closed can still be read, but not stepped."""
         if not self._is_closed:
             self._is_closed = True
+            if self._hosted is not None:
+                self._hosted.close()
             self._core.end("the world was closed")
 
     def __enter__(self) -> World:
@@ -236,7 +262,8 @@ class World:
         Raises:
             Refused: no such port, or it is an actuator, which gives no samples.
         """
-        return self._core.read(port)
+        with self._held:
+            return self._core.read(port)
 
     def command(self, port: str, **value: object) -> None:
         """Command an actuator: ``world.command("rov/thrusters", u=[...])``, with lists or arrays, texts, bytes. It acts from the next `step`
@@ -258,7 +285,8 @@ class World:
         Raises:
             Refused: unknown service or argument, wrong type, out of range, or refused by the service.
         """
-        result = self._core.call(service, **args)
+        with self._held:
+            result = self._core.call(service, **args)
         if self._core.jumps != self._jumps:
             self._begin_anew()
         return result
@@ -278,7 +306,7 @@ class World:
 
     def events(self) -> list[Event]:
         """Return what has happened since the last call, the newest 4096 events: watchdogs, faults, modes, resets, bodies that came or went."""
-        self._events += self._core.take_events()
+        self._take_events()
         events = list(self._events)
         self._events.clear()
         return events
@@ -293,7 +321,8 @@ class World:
         Raises:
             Refused: it is larger than 16 MiB.
         """
-        return snapshot.to_bytes(self._core, snapshot.take(self._core))
+        with self._held:
+            return snapshot.to_bytes(self._core, snapshot.take(self._core))
 
     def load(self, state: bytes) -> None:
         """Go to a saved state, bit for bit. Recordings begin anew.
@@ -301,7 +330,8 @@ class World:
         Raises:
             Refused: it is of another scenario, seed or version, or is damaged; nothing has changed.
         """
-        snapshot.from_bytes(self._core, bytes(state))
+        with self._held:
+            snapshot.from_bytes(self._core, bytes(state))
         self._core.say("reset", f"the world is at a saved state of tick {self._core.tick}")
         self._begin_anew()
 
@@ -359,6 +389,88 @@ class World:
     def _loaded_anew(cls, file: Path, seed: int, state: bytes, commands: list[Command]) -> World:
         """Load the scenario again, in a process that may not know its extensions yet, and go to a state."""
         return cls._restored(load_scenario(file, adapters=installed_adapters()), seed, state, commands)
+
+    # -- clients --------------------------------------------------------------------------------------------------------------------
+
+    def view(self, *, opens: bool | None = None, speed: float | None = None, **options: object) -> Serving:
+        """Show the world on a page in the browser, while the program steps it. Returns at once::
+
+            with world.view(speed=1.0) as view:
+                while view.is_running():
+                    world.step()
+
+        Pages show what each `step` does, and can steer vehicles, reset the world and pause it (then `step` waits). Watching changes no
+        number, and costs nothing while no page is open. If the page is there already, it is opened again.
+
+        Args:
+            opens: open the page in the browser of this desktop; default: if there is a desktop, and no notebook, which shows a link instead.
+                The address is in `Serving.address`.
+            speed: simulated seconds per second of wall time that `step` keeps to; None for as fast as the program steps. It holds for all
+                that is served.
+            options: keys of ``[adapters.web]``, such as ``port``, ``bind`` and ``read_only``; default: port 7680 or the next free one, on
+                this machine only.
+
+        Raises:
+            ScenarioError: no such option, or a wrong value.
+            Refused: the port is taken, the speed is not possible, or the world is closed.
+        """
+        page = self._page
+        if page is None or options or not page.is_running():
+            page = self._page = self._serve({PAGE: {"kind": PAGE, **options}}, speed, is_whole=False)
+        elif speed is not None:
+            self._host(speed, is_whole=False)
+        if opens or (opens is None and not is_notebook()):
+            show_page(page.address, is_wanted=bool(opens))
+        return page
+
+    def serve(
+        self, adapters: str | Sequence[str] | Mapping[str, Any] | None = None, *, port: int = 0, speed: float | None = None
+    ) -> Serving:
+        """Let clients of any protocol hear and command the world, while the program steps it. Returns at once::
+
+            with world.serve("sockets") as served:
+                print(served.address)  # for uwclient.connect
+                world.step(seconds=60.0)
+
+        What clients ask for is carried out in `step`, between two ticks. Adapters that grant ticks themselves (``ardupilot_json``,
+        ``px4_hil``) do so if they are the scenario's: `step` then waits for them.
+
+        Args:
+            adapters: kinds (``"sockets"``, ``["sockets", "ros2"]``), names of the scenario's own, or tables by name as in a scenario file:
+                ``{"link": {"kind": "mavlink", "port": 14550}}``; default: those of the scenario.
+            port: of the adapter ``sockets``; 0 takes a free one.
+            speed: as for `view`.
+
+        Raises:
+            ScenarioError: a table has faults, or a package that it needs is not installed.
+            Refused: an adapter of this name is there, one cannot start, the speed is not possible, or the world is closed.
+        """
+        tables, is_whole = wanted_tables(self._resolved, adapters, port)
+        return self._serve(tables, speed, is_whole)
+
+    def _serve(self, tables: Mapping[str, Any], speed: float | None, is_whole: bool) -> Serving:
+        if self._is_closed:
+            raise Refused("shutdown", "the world is closed: load it again")
+        configs, token = configured(self._resolved, tables)
+        hosted = self._host(speed, is_whole)
+        return Serving(hosted, hosted.start(configs), token, self._sync)
+
+    def _host(self, speed: float | None, is_whole: bool) -> Hosted:
+        timing = hosting_time(self._resolved, speed, is_whole)
+        if self._hosted is None or self._hosted.is_over:
+            hosted = self._hosted = Hosted(self._resolved, self._core, timing)
+            self._held = hosted.stepped.held
+            weakref.finalize(self, hosted.shutdown, "the program dropped the world").atexit = False
+        elif speed is not None or timing.mode == "lockstep":
+            self._hosted.stepped.keep_time(timing)
+        return self._hosted
+
+    def _sync(self) -> None:
+        if self._hosted is not None:
+            for output in self._hosted.stepped.sync():
+                self._events += output.events
+            if self._core.jumps != self._jumps:
+                self._begin_anew()
 
     # -- at a prompt ----------------------------------------------------------------------------------------------------------------
 

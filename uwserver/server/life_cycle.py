@@ -18,14 +18,15 @@ from typing import Any
 
 from msgspec import UNSET
 
-from uwserver.adapter import AdapterStats, CannotListen, load_adapter
+from uwserver.adapter import CannotListen
 from uwserver.ports import Progress, Reply
 from uwserver.recording.parts import ONE_FILE, Rotation
 from uwserver.recording.recorder import Recorder
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.scene.scenery import Scenery
-from uwserver.server.context import Context, Hub, TickProvider
+from uwserver.server.adapters import START_TIMEOUT_S, START_WORK_NS, STOP_TIMEOUT_S, Adapters, StartFailed, cancel
+from uwserver.server.context import Hub, TickProvider
 from uwserver.server.http import serve_http
 from uwserver.server.playback import Playback
 from uwserver.server.process import signals_received
@@ -44,20 +45,9 @@ log = logging.getLogger(__name__)
 SWITCH_INTERVAL_S = 0.0005
 """How long a thread may keep the interpreter. Python's default of 5 ms is longer than a tick."""
 
-START_TIMEOUT_S = 10.0
-"""Wall time without progress after which adapters have failed to start."""
-START_WORK_NS = NANOSECONDS // 10
-"""Processor time that counts as progress. A hundred checks whether all adapters have started take less, and a process gets more on any
-machine."""
 _POLL_S = 0.1
-SHOWN_S = 1.0
-"""Wall time for which the announcement waits for an adapter that is not required."""
-STOP_TIMEOUT_S = 1.0
-"""Wall time in which an adapter must clean up. It is also the least time between two signals for which the second one ends the process at
-once."""
 STOP_WORK_NS = NANOSECONDS
 """Processor time in which the present tick must end. Only a tick that never ends takes so long."""
-_FIRST_BACKOFF_S, _LAST_BACKOFF_S = 0.2, 5.0
 
 
 @dataclass(frozen=True)
@@ -91,10 +81,6 @@ class Options:
     tell: Callable[[str], None] = print
     rotation: Rotation = ONE_FILE
     foxglove: bool = True
-
-
-class StartFailed(Exception):
-    """A required adapter could not start, or a saved state does not fit. The text names it and says why."""
 
 
 def timing_of(resolved: Resolved) -> Timing:
@@ -168,10 +154,11 @@ class Server:
             if self.live is not None:
                 self._prepare(self.live, stack)
             await self._start_http(stack)
-            tasks = await self._start_adapters()
-            stack.push_async_callback(_cancel, tasks)
+            adapters = Adapters(self.hub, self._ending)
+            stack.push_async_callback(adapters.end)
+            await adapters.start(self._resolved.scenario.adapters, self._options.shown)
             monitor = self._loop.create_task(self._monitor.run(), name="monitor")
-            stack.push_async_callback(_cancel, [monitor])
+            stack.push_async_callback(cancel, [monitor])
             thread = threading.Thread(target=self._simulate, name="simulation", daemon=True)
             self._options.announce({name: stats.address for name, stats in self.hub.stats.items()})
             if self._options.profile_s is not None and self.hub.profiling is not None:
@@ -260,92 +247,6 @@ class Server:
             return
         log.info("health and metrics on http://%s:%d/health and /metrics", config.metrics_bind, port)
 
-    async def _start_adapters(self) -> list[asyncio.Task[None]]:
-        tasks: list[asyncio.Task[None]] = []
-        waiting: dict[str, asyncio.Task[object]] = {}
-        for name, config in self._resolved.scenario.adapters.items():
-            context = Context(self.hub, name, config.truth)
-            ready = asyncio.Event()
-            task = self._loop.create_task(self._supervise(config, context, ready), name=f"adapter {name}")
-            tasks.append(task)
-            if config.required:
-                waiting[name] = self._loop.create_task(ready.wait())
-        try:
-            await self._wait_ready(waiting)
-            await self._wait_shown()
-        except StartFailed:
-            await _cancel(tasks)
-            raise
-        finally:
-            await _cancel(list(waiting.values()))
-        return tasks
-
-    async def _wait_ready(self, waiting: dict[str, asyncio.Task[object]]) -> None:
-        """Wait until all required adapters have started, or the server is told to end. There is no fixed limit as long as something
-        progresses, because a busy machine may be slow.
-
-        Raises:
-            StartFailed: an adapter has failed, or there is no progress.
-        """
-        ending = self._loop.create_task(self._ending.wait())
-        seen, since, told = (0, 0), self._loop.time(), False
-        try:
-            while pending := [name for name in waiting if not waiting[name].done()]:
-                for name in pending:
-                    if self.hub.stats[name].restarts:
-                        raise StartFailed(f'adapter "{name}" did not start: {self.hub.stats[name].last_error}')
-                if ending.done():
-                    return
-                sign, now = (len(pending), processor_ns() // START_WORK_NS), self._loop.time()
-                names = " and ".join(f'"{name}"' for name in pending)
-                if sign != seen:
-                    seen, since = sign, now
-                elif now - since > START_TIMEOUT_S:
-                    text = f"no answer, and no work in this process, for {START_TIMEOUT_S:g} s: it waits for something outside"
-                    raise StartFailed(f"adapter {names} did not start: {text}")
-                elif not told and now - since > START_TIMEOUT_S / 4:
-                    told = True
-                    log.info("waiting until adapter %s has started", names)
-                looked_at = [ending, *(waiting[name] for name in pending)]
-                await asyncio.wait(looked_at, timeout=_POLL_S, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            ending.cancel()
-
-    async def _wait_shown(self) -> None:
-        """Wait a moment until the adapter that is announced first has its address, or has failed."""
-        stats, until = self.hub.stats.get(self._options.shown), self._loop.time() + SHOWN_S
-        while stats is not None and stats.state == "starting" and self._loop.time() < until:
-            await asyncio.sleep(_POLL_S / 10)
-
-    async def _supervise(self, config: Any, context: Context, ready: asyncio.Event) -> None:
-        """Run an adapter, and start it again after a growing pause when it fails. Its errors never reach the world."""
-        backoff, stats = _FIRST_BACKOFF_S, context.stats
-        while True:
-            again = asyncio.Event()
-            try:
-                kind = load_adapter(str(config.__struct_config__.tag))
-                runner = self._loop.create_task(kind(config, context).run(again))
-                watcher = self._loop.create_task(_relay(again, ready, stats))
-                try:
-                    await runner
-                finally:
-                    await _cancel([runner, watcher])
-                raise RuntimeError("it ended by itself")
-            except asyncio.CancelledError:
-                stats.state = "stopped"
-                raise
-            except Exception as error:  # noqa: BLE001  # an adapter may fail in any way
-                is_told = not config.required and stats.last_error == str(error)
-                stats.restarts += 1
-                stats.state, stats.last_error = "retrying", str(error)
-                if not is_told:  # The same error of an adapter that is not required is logged once.
-                    log.error('adapter "%s" failed: %s; next try in %.1f s', context.name, error, backoff)
-                    self.hub.bus.say(self.hub.event("adapter_failed", f'adapter "{context.name}" failed: {error}'))
-            if again.is_set():
-                backoff = _FIRST_BACKOFF_S
-            await asyncio.sleep(backoff)
-            backoff = min(2 * backoff, _LAST_BACKOFF_S)
-
     def _received(self, number: signal.Signals) -> None:
         """End the server in order at the first signal; end the process at once at a second one."""
         now = self._loop.time()
@@ -359,17 +260,3 @@ class Server:
 def _log_fault(answer: Reply | Progress) -> None:
     if isinstance(answer, Reply) and answer.fault is not None:
         log.error("%s", answer.fault.text)
-
-
-async def _relay(again: asyncio.Event, ready: asyncio.Event, stats: AdapterStats) -> None:
-    await again.wait()
-    stats.state = "running"
-    ready.set()
-
-
-async def _cancel(tasks: list[Any]) -> None:
-    """Cancel tasks and wait for them, for a limited time."""
-    for task in tasks:
-        task.cancel()
-    if tasks:
-        await asyncio.wait(tasks, timeout=STOP_TIMEOUT_S)

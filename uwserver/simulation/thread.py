@@ -178,18 +178,19 @@ class Simulation:
             self.bus.say(Event("diverged", self.world.tick, self.world.t_ns, self.failure))
         finally:
             gc.unfreeze()
-        self._refuse_the_rest(Refused("shutdown", "the server is shutting down"))
+        refused = Refused("shutdown", "the server is shutting down")
+        self._refuse_waiting(refused)
+        for on_reply, answer in self.world.end(refused.fault.text):
+            self.bus.reply(on_reply, answer)
 
-    def _refuse_the_rest(self, refused: Refused) -> None:
-        """Answer all requests that still wait."""
+    def _refuse_waiting(self, refused: Refused) -> None:
+        """Answer all requests that still wait to be carried out."""
         while (steered := self._steering.take()) is not None:
             steered.action()
         self._goals.give_up(refused)
         while (posted := self.mailbox.posted.take()) is not None:
             if posted.on_reply is not None:
                 self._reply(posted.on_reply, refused)
-        for on_reply, answer in self.world.end(refused.fault.text):
-            self.bus.reply(on_reply, answer)
 
     def _is_over(self) -> bool:
         ended = self.until_tick is not None and (self.world.tick >= self.until_tick or bool(self.failure))

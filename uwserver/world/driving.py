@@ -97,8 +97,7 @@ class Driven(ABC):
             Refused: n is no whole number above 0; nothing is stepped.
             Diverged: the state of a body is not finite; the world must not be stepped any further. It has the samples of this call.
         """
-        if type(n) is not int or n < 1:
-            n = checked_whole("n", n, 1, "step takes a whole number of ticks, 1 or more")
+        n = checked_ticks(n)
         samples = Samples()
         try:
             while n > 0:
@@ -135,3 +134,14 @@ class Driven(ABC):
             raise Refused("bad_argument", f'{text}; call("{port}/get") tells its last command', port)
         sample = self.sensing.newest(port)
         return None if sample is None else Reading(known, sample)
+
+
+def checked_ticks(n: int) -> int:
+    """Return a number of ticks to run.
+
+    Raises:
+        Refused: it is no whole number above 0.
+    """
+    if type(n) is int and n > 0:
+        return n
+    return checked_whole("n", n, 1, "step takes a whole number of ticks, 1 or more")

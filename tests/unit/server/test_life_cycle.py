@@ -13,8 +13,9 @@ import pytest
 
 from uwserver.adapter import AdapterNotFound, AdapterTable
 from uwserver.ports import Event, Refused, Reply
-from uwserver.server import life_cycle as server_module
-from uwserver.server.life_cycle import Options, Server, StartFailed
+from uwserver.server import adapters as adapters_module
+from uwserver.server.adapters import StartFailed
+from uwserver.server.life_cycle import Options, Server
 from uwserver.simulation.thread import Timing
 
 PATIENCE_S = 120
@@ -63,8 +64,8 @@ class TestAdapter:
 @pytest.fixture(autouse=True)
 def _loader(monkeypatch):
     TestAdapter.instances = []
-    monkeypatch.setattr(server_module, "load_adapter", lambda kind: TestAdapter)
-    monkeypatch.setattr(server_module, "_FIRST_BACKOFF_S", 0.01)
+    monkeypatch.setattr(adapters_module, "load_adapter", lambda kind: TestAdapter)
+    monkeypatch.setattr(adapters_module, "_FIRST_BACKOFF_S", 0.01)
 
 
 def with_adapter(resolved, **config):
@@ -147,7 +148,7 @@ def test_an_adapter_that_cannot_be_loaded_is_told_like_any_other_failure(resolve
         await until(lambda: server.hub.stats["it"].restarts > 1)
         assert server.hub.stats["it"].last_error == "its module is broken"
 
-    monkeypatch.setattr(server_module, "load_adapter", absent)
+    monkeypatch.setattr(adapters_module, "load_adapter", absent)
     with pytest.raises(StartFailed, match='"it" did not start: its module is broken'):
         serve(with_adapter(resolved), script)
     assert serve(with_adapter(resolved, required=False), script) == 0
@@ -304,21 +305,21 @@ async def nothing(server) -> None:
 
 
 def test_an_adapter_that_waits_for_something_outside_is_named_when_nothing_proceeds(resolved, monkeypatch):
-    monkeypatch.setattr(server_module, "START_TIMEOUT_S", 0.0)
-    monkeypatch.setattr(server_module, "processor_ns", lambda: 0)
+    monkeypatch.setattr(adapters_module, "START_TIMEOUT_S", 0.0)
+    monkeypatch.setattr(adapters_module, "processor_ns", lambda: 0)
     with pytest.raises(StartFailed, match='adapter "it" did not start: no answer, and no work in this process'):
         serve(with_adapter(resolved, hang=True), nothing)
 
 
 def test_a_slow_start_is_waited_for_as_long_as_this_process_works(resolved, monkeypatch):
     """A machine so busy that no wall time is enough."""
-    work = itertools.count(0, server_module.START_WORK_NS)
-    monkeypatch.setattr(server_module, "START_TIMEOUT_S", 0.0)
-    monkeypatch.setattr(server_module, "_POLL_S", 0.001)
-    monkeypatch.setattr(server_module, "processor_ns", lambda: next(work))
+    work = itertools.count(0, adapters_module.START_WORK_NS)
+    monkeypatch.setattr(adapters_module, "START_TIMEOUT_S", 0.0)
+    monkeypatch.setattr(adapters_module, "_POLL_S", 0.001)
+    monkeypatch.setattr(adapters_module, "processor_ns", lambda: next(work))
 
     async def slow_run(self, ready: asyncio.Event) -> None:
-        while next(work) < 100 * server_module.START_WORK_NS:
+        while next(work) < 100 * adapters_module.START_WORK_NS:
             await asyncio.sleep(0.001)
         ready.set()
         await asyncio.sleep(3600)

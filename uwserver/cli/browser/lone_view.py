@@ -84,7 +84,7 @@ def _main(scenario: str, seed: str = "") -> int:
     from uwserver.logs import set_up_logging
     from uwserver.scenario.files.errors import ScenarioError
     from uwserver.scenario.load.scenario import load
-    from uwserver.server.life_cycle import StartFailed
+    from uwserver.server.adapters import StartFailed
     from uwserver.server.process import end_undisturbed, run
 
     set_up_logging("error", False)

@@ -13,7 +13,7 @@ import click
 from uwserver.cli.loading import require_kind
 from uwserver.cli.serving.played_adapters import with_played_adapters
 from uwserver.cli.serving.run import announced_address, with_address
-from uwserver.cli.serving.web_view import address_lines, open_page, with_token, with_view_token, with_web_view
+from uwserver.cli.serving.web_view import address_lines, open_page, with_view_token, with_web_view
 from uwserver.cli.terminal import FILE, LOG_LEVEL, SECONDS, styled, told
 
 if TYPE_CHECKING:
@@ -161,7 +161,8 @@ def _serve(
     opens: bool,
 ) -> int:
     from uwserver.adapter import installed_adapters
-    from uwserver.server.life_cycle import Options, Server, StartFailed
+    from uwserver.server.adapters import StartFailed
+    from uwserver.server.life_cycle import Options, Server
     from uwserver.server.playback import Playback
     from uwserver.server.process import run as run_loop
 

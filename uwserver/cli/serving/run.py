@@ -19,9 +19,10 @@ import msgspec
 from uwserver.adapter import Token, is_loopback, known_token, new_token
 from uwserver.cli.loading import alike, loaded, require_packages, with_adapter, with_changes
 from uwserver.cli.port_holder import holder_of
-from uwserver.cli.serving.web_view import address_lines, open_page, with_token, with_view_token, with_web_view
+from uwserver.cli.serving.web_view import address_lines, open_page, with_view_token, with_web_view
 from uwserver.cli.terminal import LOG_LEVEL, SECONDS, Number, rotated, styled
 from uwserver.packages import install_command
+from uwserver.server.page import with_token
 
 if TYPE_CHECKING:
     from uwserver.recording.parts import Rotation
@@ -87,7 +88,8 @@ def run(
     SCENARIO is a shipped scenario or a file, by default bluerov2_pool.
     """
     from uwserver.logs import set_up_logging
-    from uwserver.server.life_cycle import Options, StartFailed, timing_of
+    from uwserver.server.adapters import StartFailed
+    from uwserver.server.life_cycle import Options, timing_of
     from uwserver.server.process import end_undisturbed
     from uwserver.server.state_files import read_state
 

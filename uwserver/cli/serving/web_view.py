@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote, urlsplit
+from urllib.parse import urlsplit
 
 import click
 import msgspec
@@ -13,6 +13,7 @@ import msgspec
 from uwserver.adapter import Token, is_loopback, known_token, token_for
 from uwserver.cli.loading import with_adapter
 from uwserver.cli.terminal import styled
+from uwserver.server.page import open_in_browser, with_token
 
 if TYPE_CHECKING:
     from uwserver.scenario.load.resolved import Resolved
@@ -96,11 +97,6 @@ def _bind(config: Any) -> str:
     return str(getattr(config, "bind", "127.0.0.1"))
 
 
-def with_token(address: str, token: str | None) -> str:
-    """Return the address of a page with its token in the fragment, which browsers do not send to a server."""
-    return f"{address}#token={quote(token, safe='')}" if address and token else address
-
-
 def open_page(address: str) -> threading.Thread | None:
     """Open a page in the browser of this desktop, or print that there is none.
 
@@ -110,13 +106,8 @@ def open_page(address: str) -> threading.Thread | None:
     if not address:
         click.echo("uwserver: there is no web view to open", err=True)
         return None
-    thread = threading.Thread(target=_open, args=(address,), name="browser", daemon=True)
-    thread.start()
-    return thread
+    return open_in_browser(address, _not_opened)
 
 
-def _open(address: str) -> None:
-    import webbrowser
-
-    if not webbrowser.open(address):
-        click.echo(f"uwserver: no browser could be opened here: open {address} yourself", err=True)
+def _not_opened(address: str) -> None:
+    click.echo(f"uwserver: no browser could be opened here: open {address} yourself", err=True)

@@ -1,0 +1,187 @@
+"""A world that a program steps on its own thread, while a server shows it to clients. There is no simulation thread then."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+
+from uwserver.ports import Refused
+from uwserver.ports.crossing import TickOutput
+from uwserver.simulation.bus import Bus
+from uwserver.simulation.clock import Time, Timing
+from uwserver.simulation.goal import Goals
+from uwserver.simulation.intake import Intake
+from uwserver.simulation.mailbox import Mailbox
+from uwserver.simulation.readers import Readers
+from uwserver.simulation.thread import STEERING_NS, Simulation
+from uwserver.world.driving import checked_ticks
+from uwserver.world.world import Diverged, World
+
+
+class Outlet(Bus):
+    """Gives the output of ticks to the program, and to the loop what somebody there takes."""
+
+    def __init__(self, wake_loop: Callable[[Callable[[], None]], object], time: Time) -> None:
+        """Begin without sinks; the arguments are those of `Bus`."""
+        super().__init__(wake_loop, time)
+        self._made: list[TickOutput] = []
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether a sink takes samples. Any thread."""
+        return bool(self._sample_sinks)
+
+    def publish(self, output: TickOutput, wake: bool = True) -> None:
+        """Hand a tick over, as `Bus.publish` does, and keep it for the program. The program's thread."""
+        self._made.append(output)
+        if self._sample_sinks or output.replies or output.events:
+            super().publish(_own(output), wake)
+
+    def take(self) -> list[TickOutput]:
+        """Return what was published since the last call. The program's thread."""
+        made, self._made = self._made, []
+        return made
+
+
+def _own(output: TickOutput) -> TickOutput:
+    """Return a copy for the loop: each side makes samples of the rows, and the loop adds later ticks."""
+    return TickOutput(
+        output.tick, output.t_ns, [*output.made], output.replies, output.events, output.ports, output.jumps, output.batch,
+        output.ticks,
+    )  # fmt: skip
+
+
+class Stepped(Simulation):
+    """Makes ticks when its program asks for them, at the pace of the clock: while clients have paused the world, the program waits.
+
+    What clients ask for is done on the program's thread, in `step` and `sync`. Only readers are served by the loop too, while the program
+    does something else (`attend`).
+
+    Attributes:
+        held: locked by the thread that uses the world.
+    """
+
+    def __init__(self, world: World, timing: Timing, time: Time, outlet: Outlet, mailbox: Mailbox) -> None:
+        """Prepare to step a world; nothing runs yet. Loop thread."""
+        super().__init__(world, timing, time, outlet, mailbox)
+        self.held = threading.RLock()
+        self._outlet, self._left = outlet, 0
+        self._diverged: Diverged | None = None
+
+    # -- the program's thread -------------------------------------------------------------------------------------------------------
+
+    def step(self, n: int) -> Iterator[TickOutput]:
+        """Run n ticks, and yield what they give, in few pieces, as `Driven.run`. After `stop`, ticks are made without clients.
+
+        Raises:
+            Refused: n is no whole number above 0; nothing is stepped.
+            Diverged: the state of a body is not finite.
+        """
+        left = checked_ticks(n)
+        while left > 0:
+            with self.held:
+                self._follow_jump()
+                if not self._is_shown:
+                    break
+                before = self.lateness.ticks
+                self.until_tick = self.world.tick + left
+                self._turn()
+                left -= self.lateness.ticks - before
+            yield from self._taken()
+        else:
+            return
+        yield from self.world.run(left)
+
+    def sync(self) -> Iterator[TickOutput]:
+        """Do what clients have asked for, without a tick, and yield what that gives."""
+        with self.held:
+            self._follow_jump()
+            if self._is_shown:
+                self._steer()
+                self._carry_out()
+                self.bus.flush()
+        yield from self._taken()
+
+    def flush(self) -> TickOutput:
+        """Carry out what the program has posted, as `World.flush`, and tell clients of its events."""
+        with self.held:
+            output = self.world.flush()
+            self._follow_jump()
+            if not self._stop.is_set():
+                self.bus.publish(output)
+                self._outlet.take()
+        return output
+
+    def keep_time(self, timing: Timing) -> None:
+        """Let ticks follow wall time in another way from now on."""
+        with self.held:
+            self.timing = timing
+            self.pace.speed = timing.pace or timing.speed
+            self.pace.release()
+
+    def follow(self, world: World) -> None:
+        """Go on with another world of the same scenario. Loop thread, while the program waits for it."""
+        self._goals.give_up(Refused("preempted", "the world begins anew with another seed"))
+        self.world, self.failure = world, ""
+        self.readers = Readers(world, self.bus, self._steering)
+        self._goals, self._jumps = Goals(world, self.bus, self._time, self._stay_paused), world.jumps
+        self._intake = Intake(world, self.mailbox.posted, self._time, self._stop)
+        self._record = self._intake.ticked
+        self.pace.release()
+        self.lockstep.restart(world.tick, world.t_ns)
+
+    @property
+    def _is_shown(self) -> bool:
+        """Whether clients see what the world does, and it can run."""
+        return not (self._stop.is_set() or self.failure)
+
+    def _taken(self) -> Iterator[TickOutput]:
+        diverged, self._diverged = self._diverged, None
+        for output in self._outlet.take():
+            if diverged is None or output is not diverged.output:
+                yield output
+        if diverged is not None:
+            self.paused = False  # the program decides what comes now
+            raise diverged
+
+    def _one_tick(self) -> TickOutput:
+        return self._watched(super()._one_tick)
+
+    def _several_ticks(self) -> TickOutput:
+        return self._watched(super()._several_ticks)
+
+    def _watched(self, make: Callable[[], TickOutput]) -> TickOutput:
+        """Make ticks, and keep for the program that a body diverged in them."""
+        try:
+            return make()
+        except Diverged as diverged:
+            self._diverged = diverged
+            raise
+
+    # -- the loop -------------------------------------------------------------------------------------------------------------------
+
+    def attend(self) -> None:
+        """Serve readers if the program does something else at present, and hand over what waits for the loop. Loop thread."""
+        if self._stop.is_set():
+            return
+        if len(self._steering) and self.held.acquire(blocking=False):
+            try:
+                self._steer()
+            finally:
+                self.held.release()
+        self.bus.flush()
+
+    def give_up(self, refused: Refused) -> bool:
+        """Refuse all requests that still wait, after `stop`. Loop thread. Returns whether that was possible now: it is not while the
+        program's thread uses the world."""
+        if not self.held.acquire(blocking=False):
+            return False
+        try:
+            self._refuse_waiting(refused)
+        finally:
+            self.held.release()
+        return True
+
+    def _steer(self) -> None:
+        for steered in self._intake.within(STEERING_NS, self._steering):
+            steered.action()
