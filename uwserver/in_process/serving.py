@@ -162,7 +162,9 @@ def hosting_time(resolved: Resolved, speed: float | None, is_whole: bool) -> Tim
         Refused: no possible speed.
     """
     if speed is not None and not (isinstance(speed, (int, float)) and 1e-3 <= speed <= 1000.0):
-        raise Refused("out_of_range", f'"speed" must be within 0.001 and 1000 times real time, or None, not {speed!r}', "speed")
+        raise Refused(
+            "out_of_range", f'"speed" must be within 0.001 and 1000 times real time, or None, not {speed!r}', "speed"
+        )
     given = timing_of(resolved)
     if is_whole and given.mode == "lockstep":
         return given if speed is None else replace(given, max_speed=float(speed))

@@ -171,21 +171,23 @@ class World:
             n = self._ticks_of(n, seconds)
         if self._is_closed:
             raise Refused("shutdown", "the world is closed: load it again")
+        return with_progress(self._run, n, self.dt_s)
+
+    def _run(self, n: int) -> Samples:
+        """Run n ticks, and record their samples."""
+        hosted = self._hosted
+        if hosted is not None and hosted.is_over:
+            hosted = self._hosted = None
         try:
-            samples = with_progress(self._run, n, self.dt_s)
+            step = self._core.step if hosted is None else hosted.stepped.step
+            samples = step(n, self._events)
         except Diverged as diverged:
             self._take(diverged.samples)
             raise
-        if self._traces:
-            self._take(samples)
-        return samples
-
-    def _run(self, n: int) -> Samples:
-        if self._hosted is None:
-            return self._core.step(n, self._events)
-        samples = self._hosted.stepped.step(n, self._events)
         if self._core.jumps != self._jumps:  # a client has set the time
             self._begin_anew()
+        if self._traces:
+            self._take(samples)
         return samples
 
     def _take(self, samples: Samples) -> None:
@@ -424,7 +426,11 @@ class World:
         return page
 
     def serve(
-        self, adapters: str | Sequence[str] | Mapping[str, Any] | None = None, *, port: int = 0, speed: float | None = None
+        self,
+        adapters: str | Sequence[str] | Mapping[str, Any] | None = None,
+        *,
+        port: int = 0,
+        speed: float | None = None,
     ) -> Serving:
         """Let clients of any protocol hear and command the world, while the program steps it. Returns at once::
 

@@ -137,7 +137,7 @@ class Hosted:
         if not self._is_over:
             self._is_over = True
             self._reason = reason
-            self._call_soon(lambda: self._ending.set())
+            self._call_soon(self._ending.set)
 
     # -- the loop -------------------------------------------------------------------------------------------------------------------
 

@@ -29,9 +29,16 @@ OnSamples = Callable[[Sequence[Sample]], None]
 class Readers:
     """Stands between a world and its readers."""
 
-    def __init__(self, world: World, bus: Bus, steering: Steering) -> None:
-        """Take the world of a simulation. `bus` knows the subscriptions; `steering` runs actions between two ticks."""
-        self._world, self._bus, self._steering = world, bus, steering
+    def __init__(self, world: World, bus: Bus, steering: Steering, *, makes_all: bool = False) -> None:
+        """Take the world of a simulation.
+
+        Args:
+            world: of the simulation.
+            bus: knows the subscriptions.
+            steering: runs actions between two ticks.
+            makes_all: all samples are made, also those that nobody subscribes to, as the program that steps the world gets them.
+        """
+        self._world, self._bus, self._steering, self._makes_all = world, bus, steering, makes_all
         self._subscriptions: Subscriptions | None = None
         self._probe = SceneProbe(world)
         self._seen = SceneState(EntityList(0, (), ()), 0, np.zeros((0, 7)), np.zeros(0, np.int8), (0.0, 0.0, 0.0))
@@ -41,7 +48,7 @@ class Readers:
     def begin(self) -> None:
         """Begin a tick: give the world the present subscriptions. Simulation thread."""
         subscriptions = self._bus.subscriptions
-        if subscriptions is not self._subscriptions:
+        if subscriptions is not self._subscriptions and not self._makes_all:
             self._subscriptions = subscriptions
             world = self._world
             # The decimations are for ports and times that have changed since, so they do not apply.

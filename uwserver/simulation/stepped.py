@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 
-from uwserver.ports import Refused
+from uwserver.ports import Event, Refused
 from uwserver.ports.crossing import TickOutput
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import Time, Timing
@@ -64,8 +64,9 @@ class Stepped(Simulation):
     def __init__(self, world: World, timing: Timing, time: Time, outlet: Outlet, mailbox: Mailbox) -> None:
         """Prepare to step a world; nothing runs yet. Loop thread."""
         super().__init__(world, timing, time, outlet, mailbox)
+        self.readers = Readers(world, outlet, self._steering, makes_all=True)
         self.held = threading.RLock()
-        self._outlet, self._left = outlet, 0
+        self._outlet = outlet
         self._diverged: Diverged | None = None
 
     # -- the program's thread -------------------------------------------------------------------------------------------------------
@@ -80,37 +81,72 @@ class Stepped(Simulation):
         left = checked_ticks(n)
         while left > 0:
             with self.held:
-                self._follow_jump()
-                if not self._is_shown:
-                    break
-                before = self.lateness.ticks
-                self.until_tick = self.world.tick + left
-                self._turn()
-                left -= self.lateness.ticks - before
-            yield from self._taken()
+                if self._is_quiet:
+                    outputs = self._quick_ticks(left)
+                else:
+                    self._follow_jump()
+                    if self.failure:
+                        self._carry_out()  # a client may reset the world
+                    if self.failure or self._stop.is_set():
+                        break
+                    self.until_tick = self.world.tick + left
+                    self._turn()
+                    outputs = self._outlet.take()
+            diverged, self._diverged = self._diverged, None
+            for output in outputs:
+                if diverged is None or output is not diverged.output:
+                    left -= output.ticks
+                    yield output
+            if diverged is not None:
+                self.paused = False  # the program decides what comes now
+                raise diverged
         else:
             return
         yield from self.world.run(left)
 
-    def sync(self) -> Iterator[TickOutput]:
-        """Do what clients have asked for, without a tick, and yield what that gives."""
+    @property
+    def _is_quiet(self) -> bool:
+        """Whether ticks can be made without a look at clients: nobody takes samples, has asked for anything or sets the pace."""
+        return (
+            self.timing.mode == "freerun"
+            and not (
+                self._outlet.is_heard or self.mailbox.wake.is_set() or self.paused or self.failure or len(self._goals)
+            )
+            and self.world.jumps == self._jumps
+        )
+
+    def _quick_ticks(self, most: int) -> list[TickOutput]:
+        try:
+            output = self.world.advance(most=most, posted=self.mailbox.wake.posted)
+        except Diverged as diverged:
+            self._fail(diverged)
+            return self._outlet.take()
+        self.lateness.ticks += output.ticks
+        if not (output.replies or output.events):
+            return [output]
+        self.bus.publish(output)
+        return self._outlet.take()
+
+    def sync(self) -> list[TickOutput]:
+        """Do what clients have asked for, without a tick, and return what that gives."""
         with self.held:
             self._follow_jump()
-            if self._is_shown:
+            if not self._stop.is_set():
                 self._steer()
                 self._carry_out()
                 self.bus.flush()
-        yield from self._taken()
+            return self._outlet.take()
 
-    def flush(self) -> TickOutput:
-        """Carry out what the program has posted, as `World.flush`, and tell clients of its events."""
+    def take_events(self) -> list[Event]:
+        """Return the events that no tick has given yet, as `World.take_events`, and tell clients of them."""
         with self.held:
-            output = self.world.flush()
+            events = self.world.take_events()
             self._follow_jump()
-            if not self._stop.is_set():
-                self.bus.publish(output)
+            if events and not self._stop.is_set():
+                world = self.world
+                self.bus.publish(TickOutput(world.tick, world.t_ns, [], [], events, world.ports, world.jumps))
                 self._outlet.take()
-        return output
+        return events
 
     def keep_time(self, timing: Timing) -> None:
         """Let ticks follow wall time in another way from now on."""
@@ -123,40 +159,16 @@ class Stepped(Simulation):
         """Go on with another world of the same scenario. Loop thread, while the program waits for it."""
         self._goals.give_up(Refused("preempted", "the world begins anew with another seed"))
         self.world, self.failure = world, ""
-        self.readers = Readers(world, self.bus, self._steering)
+        self.readers = Readers(world, self.bus, self._steering, makes_all=True)
         self._goals, self._jumps = Goals(world, self.bus, self._time, self._stay_paused), world.jumps
         self._intake = Intake(world, self.mailbox.posted, self._time, self._stop)
         self._record = self._intake.ticked
         self.pace.release()
         self.lockstep.restart(world.tick, world.t_ns)
 
-    @property
-    def _is_shown(self) -> bool:
-        """Whether clients see what the world does, and it can run."""
-        return not (self._stop.is_set() or self.failure)
-
-    def _taken(self) -> Iterator[TickOutput]:
-        diverged, self._diverged = self._diverged, None
-        for output in self._outlet.take():
-            if diverged is None or output is not diverged.output:
-                yield output
-        if diverged is not None:
-            self.paused = False  # the program decides what comes now
-            raise diverged
-
-    def _one_tick(self) -> TickOutput:
-        return self._watched(super()._one_tick)
-
-    def _several_ticks(self) -> TickOutput:
-        return self._watched(super()._several_ticks)
-
-    def _watched(self, make: Callable[[], TickOutput]) -> TickOutput:
-        """Make ticks, and keep for the program that a body diverged in them."""
-        try:
-            return make()
-        except Diverged as diverged:
-            self._diverged = diverged
-            raise
+    def _fail(self, error: Diverged) -> None:
+        super()._fail(error)
+        self._diverged = error
 
     # -- the loop -------------------------------------------------------------------------------------------------------------------
 

@@ -235,15 +235,7 @@ class Simulation:
         try:
             output = self._several_ticks() if self._may_make_several() else self._one_tick()
         except Diverged as error:
-            self.lateness.ticks += error.output.ticks
-            self._intake.batch += 1
-            self._follow_jump()  # The tick may have loaded a state; the failure belongs to the time after that.
-            self.failure = str(error)
-            log.error("%s", error)
-            self.paused = True
-            self.bus.publish(error.output)
-            self.bus.say(Event("diverged", self.world.tick, self.world.t_ns, self.failure))
-            self._goals.give_up(Refused("internal", self.failure))
+            self._fail(error)
             return
         self.lateness.ticks += output.ticks
         self._intake.batch += 1
@@ -255,6 +247,18 @@ class Simulation:
         self._call_due()
         if len(self._goals):
             self._goals.check()
+
+    def _fail(self, error: Diverged) -> None:
+        """Stay where a body diverged, and tell everybody."""
+        self.lateness.ticks += error.output.ticks
+        self._intake.batch += 1
+        self._follow_jump()  # The tick may have loaded a state; the failure belongs to the time after that.
+        self.failure = str(error)
+        log.error("%s", error)
+        self.paused = True
+        self.bus.publish(error.output)
+        self.bus.say(Event("diverged", self.world.tick, self.world.t_ns, self.failure))
+        self._goals.give_up(Refused("internal", self.failure))
 
     def _one_tick(self) -> TickOutput:
         return self.world.advance(self._intake.for_tick(self._is_paced()))

@@ -15,6 +15,7 @@ from uwserver.cli.serving.played_adapters import with_played_adapters
 from uwserver.cli.serving.run import announced_address, with_address
 from uwserver.cli.serving.web_view import address_lines, open_page, with_view_token, with_web_view
 from uwserver.cli.terminal import FILE, LOG_LEVEL, SECONDS, styled, told
+from uwserver.server.page import with_token
 
 if TYPE_CHECKING:
     from uwserver.recording.player.track import Track
