@@ -1,4 +1,4 @@
-"""Writes docs/reference/ports.md, scenario.md, limits.md and sensors/kinds.md from the code, and the JSON Schemas of files for docs and wheel.
+"""Writes docs/reference/ports.md, scenario.md, limits.md, python*.md and sensors/kinds.md from the code, and the JSON Schemas of files for docs and wheel.
 
 `--check` only compares the pages, and sees whether the schemas, which git does not keep, can be made (CI).
 """
@@ -10,11 +10,14 @@ import inspect
 import re
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
 import msgspec
+from api_pages import PAGES as API_PAGES
+from api_pages import Page, api_page
 from limits import limits_page
 from msgspec import NODEFAULT, UNSET
 
@@ -271,12 +274,16 @@ def _default(row: Any) -> str:
     return "**required**" if row.default_factory is NODEFAULT else "empty"
 
 
-PAGES = {
+def _api_page(page: Page) -> str:
+    return HEAD + api_page(page)
+
+
+PAGES: dict[str, Callable[[], str]] = {
     "ports.md": ports_page,
     "scenario.md": scenario_page,
     "limits.md": lambda: HEAD + limits_page(),
     "sensors/kinds.md": kinds_page,
-}
+} | {name: partial(_api_page, page) for name, page in API_PAGES.items()}
 
 
 def main() -> int:

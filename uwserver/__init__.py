@@ -27,7 +27,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from uwserver.copies.batch import Batch
-    from uwserver.in_process import Pose, Trace, Traces, Vehicle, Velocity, World
+    from uwserver.in_process import Pose, Serving, Trace, Traces, Vehicle, Velocity, World
     from uwserver.ports import Refused
     from uwserver.scenario.builder import ScenarioBuilder
     from uwserver.scenario.files.errors import ScenarioError
@@ -36,14 +36,14 @@ if TYPE_CHECKING:
     from uwserver.world.sensing.reading import Reading
 
 __all__ = [
-    "Batch", "Diverged", "Pose", "Reading", "Refused", "Scenario", "ScenarioBuilder", "ScenarioError", "Trace", "Traces", "Vehicle", "Velocity",
+    "Batch", "Diverged", "Pose", "Reading", "Refused", "Scenario", "ScenarioBuilder", "ScenarioError", "Serving", "Trace", "Traces", "Vehicle", "Velocity",
     "World", "__version__", "batch", "load",
 ]  # fmt: skip
 
 _HOMES = {
     "Batch": "copies.batch", "Diverged": "world", "Pose": "in_process", "Reading": "world.sensing.reading", "Refused": "ports",
     "Scenario": "scenario.load.tables", "ScenarioBuilder": "scenario.builder", "ScenarioError": "scenario.files.errors",
-    "Trace": "in_process", "Traces": "in_process", "Vehicle": "in_process", "Velocity": "in_process", "World": "in_process",
+    "Serving": "in_process", "Trace": "in_process", "Traces": "in_process", "Vehicle": "in_process", "Velocity": "in_process", "World": "in_process",
 }  # fmt: skip
 """The module of each public class. They are imported when they are first needed, so that `import uwserver` stays quick."""
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from uwserver.in_process.serving import Serving
 from uwserver.in_process.traces import Trace, Traces
 from uwserver.in_process.vehicles import Pose, Vehicle, Velocity
 from uwserver.in_process.world import World
 
-__all__ = ["Pose", "Trace", "Traces", "Vehicle", "Velocity", "World"]
+__all__ = ["Pose", "Serving", "Trace", "Traces", "Vehicle", "Velocity", "World"]
