@@ -162,7 +162,11 @@ def _entry(name: str, thing: Any) -> Iterator[str]:
         yield from Docstring(inspect.cleandoc(made)).lines(only=("Args", "Raises"))
     members = dict(public_members(thing))
     told = doc.names("Attributes")
-    properties = {key: value for key, value in members.items() if isinstance(value, (property, cached_property)) and key not in told}
+    properties = {
+        key: value
+        for key, value in members.items()
+        if isinstance(value, (property, cached_property)) and key not in told
+    }
     for key, value in properties.items():
         getter = value.fget if isinstance(value, property) else value.func
         text = " ".join(Docstring(inspect.getdoc(value) or "").whole.replace("``", "`").split())
@@ -178,7 +182,11 @@ def _entry(name: str, thing: Any) -> Iterator[str]:
 
 def _function(name: str, function: Any) -> Iterator[str]:
     bound = inspect.ismethod(function) and function.__self__ is not None
-    raw = function.__func__ if isinstance(function, (classmethod, staticmethod)) or inspect.ismethod(function) else function
+    raw = (
+        function.__func__
+        if isinstance(function, (classmethod, staticmethod)) or inspect.ismethod(function)
+        else function
+    )
     yield from code(signature(name, raw, without_self=bound or not isinstance(function, staticmethod)))
     yield from Docstring(inspect.getdoc(raw) or "").lines()
 
@@ -197,7 +205,9 @@ def public_members(thing: type[Any]) -> Iterator[tuple[str, Any]]:
         if owner.__module__.partition(".")[0] not in OURS:
             continue
         for name, value in vars(owner).items():
-            is_member = inspect.isfunction(value) or isinstance(value, (property, cached_property, classmethod, staticmethod))
+            is_member = inspect.isfunction(value) or isinstance(
+                value, (property, cached_property, classmethod, staticmethod)
+            )
             if is_member and not name.startswith("_") and name not in seen:
                 seen.add(name)
                 yield name, value
@@ -217,7 +227,10 @@ def signature(name: str, function: Any, *, without_self: bool = False, returns: 
     for parameter in parameters:
         if before is inspect.Parameter.POSITIONAL_ONLY and parameter.kind is not before:
             parts.append("/")
-        if parameter.kind is inspect.Parameter.KEYWORD_ONLY and before not in (parameter.kind, inspect.Parameter.VAR_POSITIONAL):
+        if parameter.kind is inspect.Parameter.KEYWORD_ONLY and before not in (
+            parameter.kind,
+            inspect.Parameter.VAR_POSITIONAL,
+        ):
             parts.append("*")
         before = parameter.kind
         parts.append(_parameter(parameter))

@@ -1,4 +1,4 @@
-"""Writes docs/reference/ports.md, scenario.md, limits.md, python*.md and sensors/kinds.md from the code, and the JSON Schemas of files for docs and wheel.
+"""Writes docs/reference/{ports,scenario,limits,python*}.md and sensors/kinds.md from the code, and the JSON Schemas of files for docs and wheel.
 
 `--check` only compares the pages, and sees whether the schemas, which git does not keep, can be made (CI).
 """

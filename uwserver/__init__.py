@@ -23,7 +23,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from uwserver.version import __version__
 
 if TYPE_CHECKING:
     from uwserver.copies.batch import Batch
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from uwserver.world.sensing.reading import Reading
 
 __all__ = [
-    "Batch", "Diverged", "Pose", "Reading", "Refused", "Scenario", "ScenarioBuilder", "ScenarioError", "Serving", "Trace", "Traces", "Vehicle", "Velocity",
-    "World", "__version__", "batch", "load",
+    "Batch", "Diverged", "Pose", "Reading", "Refused", "Scenario", "ScenarioBuilder", "ScenarioError", "Serving", "Trace", "Traces", "Vehicle",
+    "Velocity", "World", "__version__", "batch", "load",
 ]  # fmt: skip
 
 _HOMES = {

@@ -25,7 +25,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("physics",),  # arrays and kernel: knows no component
     ("ports",),  # the vocabulary of every wall
     ("frames", "table", "logs", "packages"),
-    ("units",),
+    ("units", "version"),
 )
 """Highest first. A module imports only from lower lines, or from its own part; parts that share a line do not know each other. So each part can be
 understood, tested and replaced with what is below it alone."""

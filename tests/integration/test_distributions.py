@@ -1,4 +1,4 @@
-"""What is published: wheels with kernels, source distributions, the size of the default installation."""
+"""What is published: wheels with kernels, source distributions, the size of the default installation. Also of uwserver.version."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_one_file_has_the_version_of_all_distributions(built: Path) -> None:
     for project in PROJECTS:
         table = tomllib.loads((project / "pyproject.toml").read_text())
         assert table["project"]["dynamic"] == ["version"]
-        assert (project / table["tool"]["hatch"]["version"]["path"]).resolve() == ROOT / "uwserver/__init__.py"
+        assert (project / table["tool"]["hatch"]["version"]["path"]).resolve() == ROOT / "uwserver/version.py"
     names = "uwserver", "uwclient", "uwserver_bench"
     expected = {f"{name}-{uwserver.__version__}.tar.gz" for name in names}
     assert {path.name for path in built.glob("*.tar.gz")} == expected

@@ -16,25 +16,18 @@ from numpy.typing import NDArray
 
 from uwserver.packages import install_command
 from uwserver.ports import Buffer, Field, Port, Sample
+from uwserver.ports.pictures import FAR_MM, MOST_PIXELS, Pixels, pixels_of
 
 __all__ = [
     "EXTRA", "FAR_MM", "MOST_PIXELS", "QUALITY", "Levels", "Pixels", "amplitudes", "can_encode_jpeg", "jpeg", "picture_place", "pixels",
     "with_jpeg",
 ]  # fmt: skip
 
-Pixels = NDArray[np.uint8]
-"""``[h, w, 3]`` RGB or ``[h, w]`` grey, contiguous."""
 Levels = NDArray[np.float32]
 """Levels of echoes."""
 
 QUALITY = 80
 """Default quality of JPEG. A view under water of 640 x 480 takes 18 kB, without a visible difference."""
-MOST_PIXELS = 1 << 24
-"""Most pixels of a picture that is shown, 4096 x 4096."""
-FAR_MM = 20_000
-"""Distance from which on pixels are black; nearer ones are brighter."""
-_IDS = 256
-"""Numbers of objects are below this. A picture of distances has larger numbers."""
 EXTRA = "uwserver[pictures]"
 
 
@@ -60,35 +53,7 @@ def pixels(picture: object) -> Pixels | None:
     Distances become grey: the nearer the brighter, and black from `FAR_MM` on and where there is nothing. Each number of an object has a
     colour.
     """
-    if not isinstance(picture, Buffer):
-        return None
-    shape = picture.shape
-    if len(shape) not in (2, 3) or not 0 < shape[0] * shape[1] <= MOST_PIXELS:
-        return None
-    if picture.dtype == "uint8" and (len(shape) == 2 or shape[2] == 3):
-        return picture.array()
-    if picture.dtype == "uint16" and len(shape) == 2:
-        numbers = picture.array()
-        return np.ascontiguousarray(_colours()[numbers]) if int(numbers.max()) < _IDS else _brightness()[numbers]
-    return None
-
-
-@cache
-def _colours() -> Pixels:
-    """Return a colour for each number of an object: very different ones for successive numbers, black for 0."""
-    hue = (np.arange(_IDS) * 0.618034) % 1.0
-    channels = np.abs((hue[:, None] + np.array([0.0, 2 / 3, 1 / 3])) % 1.0 * 6.0 - 3.0) - 1.0
-    table: Pixels = (64 + 191 * np.clip(channels, 0.0, 1.0)).astype(np.uint8)
-    table[0] = 0
-    return table
-
-
-@cache
-def _brightness() -> Pixels:
-    """Return the grey level of each distance in mm."""
-    grey: Pixels = (255 - np.arange(1 << 16) * 255 // FAR_MM).clip(0, 255).astype(np.uint8)
-    grey[0] = 0
-    return grey
+    return pixels_of(picture.array()) if isinstance(picture, Buffer) else None
 
 
 def amplitudes(echoes: Buffer, dimensions: int = 1) -> Levels:

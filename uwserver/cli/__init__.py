@@ -8,9 +8,9 @@ from importlib.metadata import entry_points
 
 import click
 
-from uwserver import __version__
 from uwserver.physics.kernel.choice import VARIABLE, is_plain
 from uwserver.ports.checks import suggestion
+from uwserver.version import __version__
 
 _COMMANDS = {
     "run": "serving.run:run",

@@ -18,6 +18,7 @@ from uwserver.environment.water import Water
 from uwserver.in_process.describing import Description, described
 from uwserver.in_process.progress import is_notebook, with_progress
 from uwserver.in_process.serving import PAGE, Serving, configured, hosting_time, show_page, wanted_tables
+from uwserver.in_process.sketch import world_html
 from uwserver.in_process.traces import Traces, chosen
 from uwserver.in_process.vehicles import Vehicles
 from uwserver.ports import Command, Event, Json, Port, Refused, Service
@@ -494,6 +495,10 @@ class World:
         there = [each for each in dir(type(self)) if not each.startswith("_")]
         hint = f": use {word}" if word else suggestion(name, there) + f"; there are: {', '.join(there)}"
         raise AttributeError(f'a world has no "{name}"{hint}')
+
+    def _repr_html_(self) -> str:
+        likes = self._core.population.likes()
+        return world_html(self._resolved, self._vehicles, likes, f"{self.name} at {self.t_s:.3f} s (tick {self.tick})")
 
     def __repr__(self) -> str:
         return repr(self._core)

@@ -1,7 +1,7 @@
 """Buffers: images, rows of echoes or payloads as bytes with a type and a shape.
 
-A buffer has one form for each kind of wire (docs/reference/protocol.md): base64 in texts, bytes in binary encodings. This module imports no other
-part of uwserver.
+A buffer has one form for each kind of wire (docs/reference/protocol.md): base64 in texts, bytes in binary encodings. This module imports only
+what makes pictures of them.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ import msgspec
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
+
+from uwserver.ports.pictures import pixels_of, png
 
 Dtype = Literal["uint8", "int8", "uint16", "int16", "uint32", "int32", "float32", "float64"]
 """Type of an item, little-endian."""
@@ -84,6 +86,11 @@ class Buffer(
     def is_finite(self) -> bool:
         """Return whether every item is a finite number."""
         return not self.dtype.startswith("float") or bool(np.isfinite(self.array()).all())
+
+    def _repr_png_(self) -> bytes | None:
+        """Show a picture in a notebook."""
+        shown = pixels_of(self.array())
+        return None if shown is None else png(shown)
 
     def __repr__(self) -> str:
         """Return a short text for logs that differs for different bytes."""

@@ -29,7 +29,6 @@ import msgspec
 import zstandard
 from msgspec import Struct
 
-from uwserver import __version__
 from uwserver.physics import PHYSICS
 from uwserver.physics.geometry.shapes import BadSolid
 from uwserver.ports import Call, Command, Items
@@ -45,6 +44,7 @@ from uwserver.scenario.vehicle import tracks
 from uwserver.scenario.vehicle.tables import ThrusterDevice, VehicleFile
 from uwserver.simulation import clock
 from uwserver.simulation.clock import Timing
+from uwserver.version import __version__
 
 log = logging.getLogger(__name__)
 

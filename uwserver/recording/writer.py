@@ -14,7 +14,6 @@ from typing import IO, Any
 import msgspec
 from msgspec import structs
 
-from uwserver import __version__
 from uwserver.adapter.foxglove import SCHEMAS, Foreign, SceneChannels
 from uwserver.ports import Event, Port, Sample, SceneState, WaterView
 from uwserver.ports.sample_batch import Origin, SampleBatch
@@ -25,6 +24,7 @@ from uwserver.recording.parts import STATE
 from uwserver.recording.states import ENCODING, ENTITY_LISTS, JUMPS, LAYOUT, STATES, Presence, Seen, state_message
 from uwserver.scenario.load.resolved import Resolved
 from uwserver.scenario.scene.scenery import Scenery
+from uwserver.version import __version__
 from uwserver.world.world import World
 
 log = logging.getLogger(__name__)

@@ -8,7 +8,6 @@ from typing import Literal
 
 import msgspec
 
-from uwserver import __version__
 from uwserver.adapter import AdapterStats, Driver, Subscriber, VehicleFacts, WorldFacts
 from uwserver.ports import (
     Call,
@@ -40,6 +39,7 @@ from uwserver.server.without_truth import DriverWithoutTruth, WithoutTruth
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.mailbox import Mailbox, client_of
 from uwserver.simulation.thread import CLOCK_SERVICES, Simulation
+from uwserver.version import __version__
 from uwserver.world.state.saving import LOAD, SAVE
 
 PROTOCOL_VERSION = 1

@@ -1,4 +1,4 @@
-"""What counts as a picture, what it looks like, and that JPEG of either library shows it."""
+"""What counts as a picture, what it looks like, and that JPEG of either library shows it. Also of uwserver.ports.pictures."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_what_is_no_picture(value):
 
 
 def test_a_picture_too_large_is_none(monkeypatch):
-    monkeypatch.setattr(pictures, "MOST_PIXELS", 99)
+    monkeypatch.setattr("uwserver.ports.pictures.MOST_PIXELS", 99)
     assert pixels(Buffer.of(np.zeros((10, 10), np.uint8))) is None
     assert pixels(Buffer.of(np.zeros((9, 11), np.uint8))) is not None
 

@@ -1,4 +1,7 @@
-"""A world that its program steps, and clients that hear and command it meanwhile: the real adapters, over loopback."""
+"""A world that its program steps, and clients that hear and command it meanwhile: the real adapters, over loopback.
+
+Also of uwserver.simulation.stepped, uwserver.server.hosted and uwserver.scenario.load.adapters.
+"""
 
 from __future__ import annotations
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import base64
-import struct
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -23,6 +21,7 @@ from uwserver.physics.geometry.shapes import (
     Sphere,
     TriangleMesh,
 )
+from uwserver.ports.pictures import png
 from uwserver.recording.report.reading import FloatArray
 from uwserver.scenario.scene.scenery import SEABED_NAME
 
@@ -102,7 +101,7 @@ def outlines(solids: Mapping[str, Solid]) -> list[tuple[str, FloatArray]]:
         if name.startswith("static/") and name != f"static/{SEABED_NAME}":
             every = (corners(placed) for placed in solid.shapes)
             some = (points[:: max(1, len(points) // _MOST_CORNERS), :2] for points in every if len(points))
-            found += [(name.removeprefix("static/"), _hull(points)) for points in some]
+            found += [(name.removeprefix("static/"), hull(points)) for points in some]
     return found
 
 
@@ -118,8 +117,10 @@ def corners(placed: Placed) -> FloatArray:
         local = np.concatenate([np.column_stack([np.full(_CIRCLE, x), ring]) for x in (-reach, reach)])
     elif isinstance(shape, Sphere):
         turn = np.linspace(0.0, 2.0 * np.pi, _CIRCLE, endpoint=False)
-        local = shape.radius * np.column_stack([np.cos(turn), np.sin(turn), np.zeros(_CIRCLE)])
-        ball: FloatArray = local + np.array(placed.p)  # not turned: the ring must stay level
+        ring = shape.radius * np.column_stack([np.cos(turn), np.sin(turn), np.zeros(_CIRCLE)])
+        ball: FloatArray = np.concatenate([ring, ring[:, [0, 2, 1]]]) + np.array(
+            placed.p
+        )  # not turned: one ring must stay level
         return ball
     elif isinstance(shape, TriangleMesh | ConvexHull):
         local = shape.vertices if isinstance(shape, TriangleMesh) else shape.points
@@ -185,34 +186,18 @@ def _coloured(depths: FloatArray, shallow: float, deep: float, contour: float, m
     return found
 
 
-def png(pixels: npt.NDArray[np.uint8], palette: bytes = b"") -> bytes:
-    """Return a PNG of RGBA (rows, columns, 4), or of indices (rows, columns) into a palette of 256 times red, green, blue."""
-    rows, columns = pixels.shape[:2]
-    lines = np.zeros((rows, 1 + pixels[0].size), dtype=np.uint8)
-    lines[:, 1:] = pixels.reshape(rows, -1)
-
-    def part(name: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
-
-    parts = [part(b"IHDR", struct.pack(">IIBBBBB", columns, rows, 8, 3 if palette else 6, 0, 0, 0))]
-    if palette:
-        parts.append(part(b"PLTE", palette))
-    parts += [part(b"IDAT", zlib.compress(lines.tobytes(), 9)), part(b"IEND", b"")]
-    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
-
-
 def data_url(picture: bytes) -> str:
     """Return a data URL with a PNG."""
     return "data:image/png;base64," + base64.b64encode(picture).decode()
 
 
-def _hull(points: FloatArray) -> FloatArray:
+def hull(points: FloatArray) -> FloatArray:
     """Return the convex hull of points (n, 2), counter-clockwise; of points on a line, those in their order."""
     from scipy.spatial import ConvexHull, QhullError
 
     distinct: FloatArray = np.unique(points, axis=0)
     try:
-        hull: FloatArray = distinct[ConvexHull(distinct).vertices]
+        found: FloatArray = distinct[ConvexHull(distinct).vertices]
     except (QhullError, ValueError):  # fewer than three points, or all on a line
         return distinct
-    return hull
+    return found

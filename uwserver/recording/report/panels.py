@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwserver.recording.report.bathymetry import SeaFloor, png
+from uwserver.ports.pictures import png
+from uwserver.recording.report.bathymetry import SeaFloor
 from uwserver.recording.report.errors import BOUND, SensorError
 from uwserver.recording.report.reading import FloatArray, IntArray, Recorded, Series
 from uwserver.recording.report.truth import Truth, euler, rotations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,9 @@ from numpy.typing import NDArray
 
 from uwserver.ports import Buffer, Field, Port, Sample, Value
 from uwserver.units import NANOSECONDS
+
+_FEW = 9
+"""Numbers of a value that a notebook shows."""
 
 
 class Reading(Mapping[str, Any]):
@@ -109,6 +113,25 @@ class Reading(Mapping[str, Any]):
     def __hash__(self) -> int:
         return hash(self.sample)
 
+    def _repr_png_(self) -> bytes | None:
+        """Show the picture of a camera or an imaging sonar in a notebook."""
+        shown = (
+            value._repr_png_() for value in self.sample.value if isinstance(value, Buffer)
+        )  # the protocol of notebooks
+        return next((picture for picture in shown if picture is not None), None)
+
+    def _repr_html_(self) -> str | None:
+        """Show the values in a notebook, unless there is a picture."""
+        if any(isinstance(value, Buffer) for value in self.sample.value):
+            return None
+        rows = "".join(
+            f"<tr><td>{escape(field.name)}</td><td>{escape(_shown(self._raw(field)))}</td><td>{escape(field.unit)}</td>"
+            f"<td>{escape(field.doc)}</td></tr>"
+            for field in self._fields
+        )
+        remark = "" if self.valid else ", not valid"
+        return f"<table><caption>{escape(self.port)} at {self.t_s:.3f} s{remark}</caption>{rows}</table>"
+
     def __repr__(self) -> str:
         values = "".join(f", {field.name} = {self._raw(field)!r}" for field in self._fields)
         return f"<{self.port} at {self.t_s:.6f} s{'' if self.valid else ', invalid'}{values}>"
@@ -118,6 +141,16 @@ class Reading(Mapping[str, Any]):
             if field.name == name:
                 return field
         raise KeyError(f'{self.port} has no field "{name}"; there are: {", ".join(self)}')
+
+
+def _shown(value: Value) -> str:
+    """Return a value with four digits, and the first of many numbers."""
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, tuple):
+        few = ", ".join(_shown(each) for each in value[:_FEW])
+        return f"({few}{f', … {len(value)} values' if len(value) > _FEW else ''})"
+    return str(value)
 
 
 def as_array(field: Field, value: Value) -> NDArray[Any]:

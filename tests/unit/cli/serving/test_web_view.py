@@ -1,4 +1,4 @@
-"""The web view of `uwserver run`: when it is there, where, and what is said first."""
+"""The web view of `uwserver run`: when it is there, where, and what is said first. Also of uwserver.server.page."""
 
 from __future__ import annotations
 

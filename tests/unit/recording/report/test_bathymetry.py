@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from uwserver.physics.geometry.shapes import Box, Cylinder, HalfSpace, Placed, Solid, Sphere, TriangleMesh
-from uwserver.recording.report.bathymetry import SeaFloor, corners, outlines, png, sea_floor
+from uwserver.ports.pictures import png
+from uwserver.recording.report.bathymetry import SeaFloor, corners, outlines, sea_floor
 from uwserver.recording.report.contents import Contents
 
 
