@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
-from uwserver.ports.crossing import TickOutput
+from uwserver.ports.sample_batch import Samples
 from uwserver.simulation.clock import SystemTime
 from uwserver.units import NANOSECONDS
+from uwserver.world import Diverged
 
 SWITCH = "UWSERVER_PROGRESS"
 """Environment variable; 0 turns it off."""
@@ -21,19 +22,19 @@ _FEW = 256
 """Ticks that are made in one call at first. A shorter step is never shown."""
 
 
-def with_progress(run: Callable[[int], Iterator[TickOutput]], n: int, dt_s: float) -> Iterator[TickOutput]:
+def with_progress(step: Callable[[int], Samples], n: int, dt_s: float) -> Samples:
     """Run n ticks, and show how far they are, on one line of standard error that is cleared at the end.
 
     Nothing is shown in the first second, in output that is no terminal and no notebook, and with `SWITCH` = 0. The ticks are the same.
 
     Args:
-        run: runs ticks.
+        step: runs ticks.
         n: how many.
         dt_s: length of a tick, s.
     """
     if type(n) is not int or n <= _FEW or not is_watched():
-        return run(n)
-    return _shown(run, n, dt_s)
+        return step(n)
+    return _shown(step, n, dt_s)
 
 
 def is_watched() -> bool:
@@ -50,14 +51,20 @@ def is_notebook() -> bool:
     return shell is not None and hasattr(shell, "kernel")
 
 
-def _shown(run: Callable[[int], Iterator[TickOutput]], n: int, dt_s: float) -> Iterator[TickOutput]:
-    now, width = SystemTime().now_ns, 0
+def _shown(step: Callable[[int], Samples], n: int, dt_s: float) -> Samples:
+    now, width, samples = SystemTime().now_ns, 0, Samples()
     began = at = now()
     told, done, piece = began + int((FIRST_S - EVERY_S) * NANOSECONDS), 0, _FEW
     try:
         while done < n:
-            yield from run(min(piece, n - done))
-            done += min(piece, n - done)
+            made = min(piece, n - done)
+            try:
+                samples.join(step(made))
+            except Diverged as diverged:
+                samples.join(diverged.samples)
+                diverged.samples = samples
+                raise
+            done += made
             before, at = at, now()
             piece = max(1, min(2 * piece, int(piece * _PIECE_S * NANOSECONDS / max(at - before, 1))))
             if at - told > EVERY_S * NANOSECONDS and done < n:
@@ -70,6 +77,7 @@ def _shown(run: Callable[[int], Iterator[TickOutput]], n: int, dt_s: float) -> I
         if width:
             sys.stderr.write("\r" + " " * width + "\r")
             sys.stderr.flush()
+    return samples
 
 
 def _line(done: int, n: int, dt_s: float, wall_s: float) -> str:

@@ -138,7 +138,8 @@ class _Frame:
 
     def across(self) -> FloatArray:
         """Return the coordinates of `_COLUMNS` columns."""
-        return self._origin[0] + np.linspace(0.0, WIDE / self.scale, _COLUMNS)
+        found: FloatArray = self._origin[0] + np.linspace(0.0, WIDE / self.scale, _COLUMNS)
+        return found
 
 
 def _picture(view: View, outlines: Sequence[Outline], seabed: Solid | None) -> str:

@@ -181,6 +181,13 @@ class Samples(Sequence[Sample]):
             self._pieces.append(piece)
             self._count += len(piece)
 
+    def join(self, later: Samples) -> None:
+        """Append those of a later step, which is not used any more."""
+        if later._made:
+            self.add(later._made)
+        self._pieces += later._pieces
+        self._count += sum(map(len, later._pieces))
+
     def of(self, ports: Container[str]) -> Iterator[Sample]:
         """Yield the samples of some ports, by path. The others are not made, unless it is quicker to make all of a piece."""
         yield from (sample for sample in self._made if sample.port in ports)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable
 
 from uwserver.ports import Event, Refused
 from uwserver.ports.crossing import TickOutput
+from uwserver.ports.sample_batch import Samples
 from uwserver.simulation.bus import Bus
 from uwserver.simulation.clock import Time, Timing
 from uwserver.simulation.goal import Goals
@@ -71,38 +73,52 @@ class Stepped(Simulation):
 
     # -- the program's thread -------------------------------------------------------------------------------------------------------
 
-    def step(self, n: int) -> Iterator[TickOutput]:
-        """Run n ticks, and yield what they give, in few pieces, as `Driven.run`. After `stop`, ticks are made without clients.
+    def step(self, n: int, events: deque[Event]) -> Samples:
+        """Run n ticks, as `Driven.step`, and return the samples delivered in them; since the last one, if clients have set the time
+        meanwhile. After `stop`, ticks are made without clients.
+
+        Args:
+            n: ticks, a whole number above 0.
+            events: gets what happens.
 
         Raises:
             Refused: n is no whole number above 0; nothing is stepped.
-            Diverged: the state of a body is not finite.
+            Diverged: the state of a body is not finite. It has the samples of this call.
         """
-        left = checked_ticks(n)
+        left, samples, jumps = checked_ticks(n), Samples(), self.world.jumps
         while left > 0:
             with self.held:
-                if self._is_quiet:
-                    outputs = self._quick_ticks(left)
-                else:
-                    self._follow_jump()
-                    if self.failure:
-                        self._carry_out()  # a client may reset the world
-                    if self.failure or self._stop.is_set():
-                        break
-                    self.until_tick = self.world.tick + left
-                    self._turn()
-                    outputs = self._outlet.take()
-            diverged, self._diverged = self._diverged, None
+                outputs = self._quick_ticks(left) if self._is_quiet else self._ticks(left)
+            if outputs is None:
+                samples.join(self.world.step(left, events))
+                break
             for output in outputs:
-                if diverged is None or output is not diverged.output:
-                    left -= output.ticks
-                    yield output
-            if diverged is not None:
+                left -= output.ticks
+                if output.jumps != jumps:
+                    jumps, samples = output.jumps, Samples()
+                if output.batch is not None:
+                    samples.add(output.batch)
+                if output.made:
+                    samples.add(output.made)
+                if output.events:
+                    events += output.events
+            if self._diverged is not None:
+                diverged, self._diverged = self._diverged, None
                 self.paused = False  # the program decides what comes now
+                diverged.samples = samples
                 raise diverged
-        else:
-            return
-        yield from self.world.run(left)
+        return samples
+
+    def _ticks(self, most: int) -> list[TickOutput] | None:
+        """Do what clients have asked for, and make ticks if they let it. Returns what that gives; None if clients see no more ticks."""
+        self._follow_jump()
+        if self.failure:
+            self._carry_out()  # a client may reset the world
+        if self.failure or self._stop.is_set():
+            return None
+        self.until_tick = self.world.tick + most
+        self._turn()
+        return self._outlet.take()
 
     @property
     def _is_quiet(self) -> bool:

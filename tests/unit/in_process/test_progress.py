@@ -10,6 +10,7 @@ import pytest
 
 import uwserver
 from uwserver.in_process import progress
+from uwserver.ports.sample_batch import Samples
 from uwserver.units import NANOSECONDS
 
 
@@ -38,12 +39,14 @@ def told(monkeypatch, clock, n: int, out: Terminal, err: Terminal) -> str:
     monkeypatch.setattr(sys, "stderr", err)
     pieces = []
 
-    def run(piece: int):
+    def step(piece: int) -> Samples:
         clock.now += piece * clock.per_tick
         pieces.append(piece)
-        yield piece
+        samples = Samples()
+        samples.add([piece])
+        return samples
 
-    assert sum(progress.with_progress(run, n, 1 / 240)) == n
+    assert sum(progress.with_progress(step, n, 1 / 240)) == n
     assert sum(pieces) == n
     return err.getvalue()
 
@@ -86,14 +89,14 @@ def test_the_line_is_cleared_when_the_step_is_broken_off(monkeypatch, clock):
     monkeypatch.setattr(sys, "stdout", Terminal())
     monkeypatch.setattr(sys, "stderr", Terminal())
 
-    def run(piece: int):
+    def step(piece: int) -> Samples:
         clock.now += piece * clock.per_tick
         if clock.now > 10 * NANOSECONDS:
             raise KeyboardInterrupt
-        yield piece
+        return Samples()
 
     with pytest.raises(KeyboardInterrupt):
-        [*progress.with_progress(run, 24000, 1 / 240)]
+        progress.with_progress(step, 24000, 1 / 240)
     assert sys.stderr.getvalue().endswith("\r")
     assert not sys.stderr.getvalue().split("\r")[-2].strip()
 
