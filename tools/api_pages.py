@@ -92,26 +92,40 @@ ADAPTERS = Page(
         Subject(
             "The contract",
             "uwserver.adapter",
-            ("Adapter", "AdapterContext", "Subscriber", "AdapterTable", "AdapterStats", "WorldFacts", "VehicleFacts",
-             "Driver", "Order"),
+            ("Adapter", "AdapterContext", "Subscriber", "AdapterTable", "AdapterStats", "WorldFacts", "VehicleFacts", "Driver", "Order"),
         ),
         Subject(
             "What crosses the wall",
             "uwserver.ports",
-            ("Port", "Field", "Service", "Argument", "Sample", "Command", "Call", "Reply", "Progress", "Event", "Fault",
-             "Buffer", "SceneView", "SceneState"),
+            ("Port", "Field", "Propulsor", "Layout", "Service", "Argument", "Sample", "Buffer", "Command", "Call", "Reply", "Progress", "Event",
+             "Fault", "Refused", "matches", "matching", "is_stop", "binary_form"),
         ),
-        Subject("Find adapters", "uwserver.adapter", ("installed_adapters", "load_adapter", "adapter_entries")),
+        Subject(
+            "What the world looks like",
+            "uwserver.ports",
+            ("SceneState", "EntityList", "Present", "SceneView", "BodyView", "SolidView", "ShapeView", "MeshView", "ModelFileView", "ActuatorView",
+             "SensorView", "BeamView", "FanView", "LampView", "BeaconView", "WaterView", "WaveView", "OriginView"),
+        ),
+        Subject(
+            "Find adapters", "uwserver.adapter", ("installed_adapters", "load_adapter", "adapter_entries", "AdapterNotFound")
+        ),
         Subject(
             "A base, and conversations",
             "uwserver.adapter",
-            ("AdapterBase", "Conversation", "InFlightLimit", "Refusals", "Readings", "SampleForm", "Connection"),
+            ("AdapterBase", "Conversation", "InFlightLimit", "Refusals", "CannotServe", "did_you_mean"),
+        ),
+        Subject(
+            "Samples",
+            "uwserver.adapter",
+            ("Readings", "Reading", "SampleBatch", "Origin", "Decimation", "SampleForm", "in_pieces", "raw_field", "port_of", "port_of_kind",
+             "field_of", "vehicle_of", "vehicles_of", "choose", "NotMet"),
         ),
         Subject(
             "Listen",
             "uwserver.adapter",
-            ("TcpListener", "serve_tcp", "serving", "bound_socket", "cannot_listen", "address_text", "host_here", "is_loopback",
-             "may_connect", "Peers", "Peer", "SerialPort"),
+            ("TcpListener", "Connection", "serve_tcp", "serving", "bound_socket", "CannotListen", "cannot_listen", "note_no_descriptors",
+             "address_text", "host_here", "host_name", "host_of", "is_host_known", "is_loopback", "may_connect", "Peers", "Peer", "RateMeter",
+             "TurnTimes", "within", "SerialPort"),
         ),
         Subject(
             "Access",
@@ -119,7 +133,9 @@ ADAPTERS = Page(
             ("OpenTable", "TokenTable", "NodeTable", "Lockout", "Token", "token_for", "known_token", "new_token", "tls_context"),
         ),
         Subject(
-            "Framing", "uwserver.adapter", ("Frames", "Lines", "frame", "line", "decode", "FirstBytes", "http_answer")
+            "Framing",
+            "uwserver.adapter",
+            ("Frames", "Lines", "frame", "line", "json_member", "msgpack_member", "decode", "TooLong", "Undecodable", "FirstBytes", "http_answer"),
         ),
         Subject(
             "Work in turns and in threads",
@@ -127,7 +143,10 @@ ADAPTERS = Page(
             ("InputTurns", "DatagramTurns", "BackgroundWork", "Worker", "Inbox", "InOrder", "LogFile"),
         ),
         Subject(
-            "Test it", "uwserver.testing", ("check_adapter", "check_sensor", "check_actuator", "check_modifier")
+            "Test your own components",
+            "uwserver.testing",
+            ("check_adapter", "check_codec", "CodecCase", "Requests", "check_sensor", "check_actuator", "check_modifier", "check_current",
+             "FakeContext", "FakeGeometry", "MockTime", "Loopback", "TcpPeer", "sample_of"),
         ),
     ),
 )  # fmt: skip

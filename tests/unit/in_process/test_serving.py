@@ -8,12 +8,15 @@ from __future__ import annotations
 import gc
 import http.client
 import os
+import re
 import signal
 import socket
 import subprocess
 import sys
 import threading
+import webbrowser
 from contextlib import ExitStack
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -369,4 +372,49 @@ def test_wrong_adapters_are_told_before_anything_starts(world, adapters, text):
 def test_no_possible_speed(world, speed):
     with pytest.raises(uwserver.Refused, match='"speed" must be within'):
         world.serve("sockets", speed=speed)
+    assert threads() == []
+
+
+# -- the page ---------------------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def opened(monkeypatch):
+    """The addresses that were opened in a browser."""
+    found: list[str] = []
+    monkeypatch.setattr(webbrowser, "open", lambda address: found.append(address) or True)
+    return found
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a desktop")
+def test_the_page_is_opened_where_there_is_a_desktop_or_it_was_asked_for(world, opened, monkeypatch, capsys):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with world.view(port=0) as page:
+        assert opened == []
+        assert f"open {page.address} in a browser" in capsys.readouterr().err
+        assert world.view(opens=True).address == page.address
+        until(lambda: opened == [page.address])
+        monkeypatch.setenv("DISPLAY", ":7")
+        world.view()
+        until(lambda: opened == [page.address] * 2)
+        monkeypatch.setattr("uwserver.in_process.world.is_notebook", lambda: True)
+        world.view()
+        assert capsys.readouterr().err == "", "a notebook shows the link"
+    assert opened == [page.address] * 2
+
+
+def test_a_page_that_others_reach_has_a_token_in_its_address(world):
+    with world.view(opens=False, port=0, bind="127.0.0.1", view_token="for those who watch") as page:
+        assert "#token=" in page.address
+    with pytest.raises(uwserver.ScenarioError, match='unknown key "prot"'):
+        world.view(opens=False, prot=1)
+
+
+PAGE = Path(__file__).parents[3] / "docs/how-to/view-from-python.md"
+
+
+@pytest.mark.parametrize("code", re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.S | re.M))
+def test_the_programs_of_the_page_run(code, opened, capsys):
+    exec(compile(code.replace("range(600)", "range(3)"), str(PAGE), "exec"), {})
     assert threads() == []
