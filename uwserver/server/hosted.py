@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import atexit
-import concurrent.futures
+import concurrent.futures.thread
 import contextlib
 import logging
 import sys
 import threading
+import weakref
 from collections.abc import Callable, Collection, Coroutine, Mapping
 from typing import Any, TypeVar
 
@@ -68,8 +69,7 @@ class Hosted:
         self._names: set[str] = set()
         self._thread = threading.Thread(target=self._main, args=(world, timing), name=THREAD_NAME, daemon=True)
         self._thread.start()
-        # A thread that the interpreter does not wait for would be cut off at the end of the process.
-        atexit.register(self.close)
+        _RUNNING.add(self)
         try:
             self._begun.result()
         except BaseException:  # also Ctrl-C
@@ -170,7 +170,7 @@ class Hosted:
                 self._begun.set_exception(error)
         finally:
             self._is_over = True
-            atexit.unregister(self.close)
+            _RUNNING.discard(self)
 
     async def _live(self, world: World, timing: Timing) -> None:
         self._loop, self._ending = asyncio.get_running_loop(), asyncio.Event()
@@ -225,3 +225,17 @@ def _objection(path: str) -> Fault | None:
     if path not in _BY_THE_PROGRAM:
         return None
     return Fault("denied", f"a program steps this world: {path} is only for worlds that a server steps", path)
+
+
+_RUNNING: weakref.WeakSet[Hosted] = weakref.WeakSet()
+"""Those that must end with the process, whose threads it does not wait for."""
+
+
+def _end_with_process() -> None:
+    for hosted in [*_RUNNING]:
+        hosted.close()
+
+
+# Adapters need threads of executors to end in order, and Python ends these before it calls what is registered with `atexit`. The function
+# that `concurrent.futures` registers itself with is not public; without it, adapters end less quietly.
+getattr(threading, "_register_atexit", atexit.register)(_end_with_process)
