@@ -47,6 +47,7 @@ FOLLOWED = (
     "clients/nc/README.md",
     "clients/python/README.md",
     "docs/how-to/batch.md",
+    "docs/how-to/coming-from.md",
     "docs/how-to/faults.md",
     "docs/how-to/training.md",
 )
