@@ -155,7 +155,7 @@ site: install  ## build the documentation as a site into build/site; a link that
 	$(INSTALL) -e ".[site]" -e clients/python
 	$(BIN)/python tools/site.py
 
-dist: install  ## build what is published into dist/, and check it (ARGS="--python python3.10 --python python3.11 --release --bars")
+dist: install  ## build what is published into dist/, and check it: wheels with kernels for each CPython that is here (ARGS="--python python3.11" for one, "--release --bars")
 	$(INSTALL) -e ".[release]" -e clients/python
 	$(BIN)/python tools/dist.py $(ARGS)
 

@@ -1,12 +1,12 @@
 """Builds and checks what is published: source distributions and wheels of uwserver, uwclient and uwserver-bench.
 
-    python tools/dist.py                             into dist/, with kernels for this Python
-    python tools/dist.py --python python3.10 --python python3.11
-    python tools/dist.py --release --bars            CHANGELOG.md must be dated, and the bars of tools/first_minute.py met
+    python tools/dist.py                             into dist/, with kernels for each CPython of pyproject.toml that this machine has
+    python tools/dist.py --python python3.11         with kernels for this one only
+    python tools/dist.py --release --bars            all CPythons must be there, CHANGELOG.md dated, and the bars of tools/first_minute.py met
 
-Wheels are built from the source distributions. Of uwserver there is a pure wheel, and for each Python one with the kernels compiled. Every file is
-looked at by twine; then a fresh environment takes the wheels with all dependencies and uses them, without compiling anything. Stops at the first
-fault with status 1.
+Wheels are built from the source distributions. Of uwserver there is a pure wheel, and for each Python one with the kernels compiled for x86-64 and
+one for aarch64 (tools/kernel_wheel.py). Every file is looked at by twine; then a fresh environment takes the wheels with all dependencies and uses
+them, without compiling anything. Stops at the first fault with status 1.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import kernel_wheel
+import other_pythons
 import wheels
 from wheels import ROOT, Fault
 
@@ -58,9 +59,27 @@ def build(out: Path, pythons: Sequence[str]) -> list[Path]:
     """
     pure = wheels.build_all(out)
     for python in pythons:
-        wheel = kernel_wheel.build(pure["uwserver"], python, out)
-        print(f"{wheel.name}: {wheel.stat().st_size // 1024} KiB, kernels included", flush=True)
+        for wheel in kernel_wheel.build(pure["uwserver"], python, out):
+            print(f"{wheel.name}: {wheel.stat().st_size // 1024} KiB, kernels included", flush=True)
     return sorted(path for path in out.iterdir() if path.name.endswith((".whl", ".tar.gz")))
+
+
+def interpreters(pyproject: str, release: bool) -> list[str]:
+    """The CPythons of the classifiers of pyproject.toml, as far as they are on this machine.
+
+    Raises:
+        Fault: one is missing, and it is for a release.
+    """
+    found: list[str] = []
+    for version in re.findall(r'"Programming Language :: Python :: (3\.\d+)"', pyproject):
+        python = other_pythons.interpreter(version)
+        if python is not None:
+            found.append(str(python))
+        elif release:
+            raise Fault(f"a release has wheels for Python {version}: neither below `pyenv root` nor on the PATH")
+        else:
+            print(f"no wheel with kernels for Python {version}: it is not on this machine", flush=True)
+    return found
 
 
 def check(out: Path, files: Sequence[Path], bars: bool) -> None:
@@ -98,7 +117,9 @@ def main() -> int:
         changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
         check_changelog(changelog, uwserver.__version__, options.release)
         remove_old(out)
-        files = build(out, [] if options.pure else options.python or [sys.executable])
+        pyproject = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+        pythons = options.python or interpreters(pyproject, options.release)
+        files = build(out, [] if options.pure else pythons)
         check(out, files, options.bars)
     except (Fault, kernel_wheel.NotBuilt) as fault:
         print(f"dist: {fault}", file=sys.stderr)

@@ -29,12 +29,14 @@ import uwserver
 
 FIRST_SAMPLE = ("run", "--port", "0", "--mode", "freerun", "--until", "0.1")
 BARS_S = {
+    "our own work": 30.0,
     "wheel to first sample": 40.0,
     "clone to first sample": 60.0,
     "all kernels": 100.0,
     "second environment": 10.0,
 }
-"""Wall time at most. A start with finished kernels takes some seconds itself, so the last one is not zero."""
+"""Wall time at most. Our own work is the first start, without what pip does before. A start with finished kernels takes some seconds itself, so the
+last one is not zero."""
 TIMEOUT_S = 1800.0
 
 
@@ -130,6 +132,7 @@ def sums(stages: Sequence[Stage], clone: bool) -> dict[str, float]:
         return {"clone to first sample": sum(wall.values())}
     first = ("create environment", "pip install", "first sample")
     return {
+        "our own work": wall["first sample"],
         "wheel to first sample": sum(wall[name] for name in first),
         "all kernels": wall["first sample"] + wall["all other kernels"],
         "second environment": wall["second environment"],

@@ -1,11 +1,11 @@
-"""Makes the wheel for one platform of a pure wheel of uwserver: the same files, and all kernels compiled for each `LEVELS`.
+"""Makes the wheels for the platforms of a pure wheel of uwserver: the same files, and all kernels compiled for each kind of CPU in `LEVELS`.
 
     python tools/kernel_wheel.py dist/uwserver-1.2.3-py3-none-any.whl --python python3.11 --out dist
 
-The kernels are compiled by that Python in a fresh environment, for CPUs of a named kind with an explicit list of what they can do, so nothing of the
-building machine's CPU comes in; those that the user's cache has already, under the hash of all they are made of, are taken from there. They are good
-for the very versions of numba and llvmlite that made them: the wheel pins both, and is for the platforms of numba's own wheel. Everything else of
-the metadata stays.
+That Python compiles the kernels once, in a fresh environment, for CPUs of a named kind with an explicit list of what they can do, so nothing of the
+building machine's CPU comes in (tools/emit_kernels.py). On x86-64 that gives the wheel for aarch64 too. Kernels that the user's cache has already,
+under the hash of all they are made of, are taken from there. They are good for the very versions of numba and llvmlite that made them: the wheel pins
+both, and is for the platforms of numba's own wheels. Everything else of the metadata stays.
 """
 
 from __future__ import annotations
@@ -20,29 +20,23 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-
-from uwserver.physics.kernel import store
 
 FINISHED = "uwserver/physics/kernel/finished"
 """Where the loader looks, as a path in the wheel."""
 COMPILERS = ("numba", "llvmlite")
-WARM = "uwserver.world.warm"
-"""The module that compiles kernels."""
-TIMEOUT_S = 1800.0
+EMIT = Path(__file__).with_name("emit_kernels.py")
+TIMEOUT_S = 3600.0
 ASK = """
 import json, platform
 from importlib.metadata import distribution, version
-from uwserver.physics.kernel.compiled import LEVELS
 tags = [line.partition(": ")[2] for line in distribution("numba").read_text("WHEEL").splitlines() if line.startswith("Tag: ")]
-print(json.dumps({"machine": platform.machine(), "levels": LEVELS, "tags": tags, "pins": {name: version(name) for name in %r}}))
+print(json.dumps({"machine": platform.machine(), "tags": tags, "pins": {name: version(name) for name in %r}}))
 """
-CHECK = """
-from uwserver.physics.kernel.compiled import cache_state
-from uwserver.world.builds import STAGES, missing
-print("" if missing(STAGES) else cache_state.folder)
-"""
+PLATFORMS = ("manylinux_2_28_", "manylinux_2_27_", "manylinux_2_17_", "manylinux2014_")
+"""Of wheels of numba for another machine, the names up to the machine."""
 
 
 class NotBuilt(Exception):
@@ -60,34 +54,46 @@ def run(*command: str | Path, environment: Mapping[str, str], cwd: Path) -> str:
     return done.stdout
 
 
-def settings(level: str, features: Sequence[str]) -> dict[str, str]:
-    """Environment variables by which numba compiles for a kind of CPU, whatever this machine has."""
-    return {"NUMBA_CPU_NAME": level, "NUMBA_CPU_FEATURES": ",".join(f"+{feature}" for feature in features)}
-
-
-def compile_kernels(python: Path, levels: Mapping[str, Sequence[str]], work: Path) -> dict[str, bytes]:
-    """All kernels for each level, compiled by an environment's Python: the files of `FINISHED` by their paths in a wheel.
+def compile_kernels(python: Path, work: Path) -> dict[str, dict[str, bytes]]:
+    """All kernels, compiled by an environment's Python: for each machine the files of `FINISHED` by their paths in a wheel.
 
     Raises:
         NotBuilt: a kernel is missing, as where nothing solid is installed.
     """
-    plain = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "NUMBA_CPU"))}
-    files: dict[str, bytes] = {}
-    for level, features in levels.items():
-        environment = plain | settings(level, features)
-        run(python, "-m", WARM, environment=environment, cwd=work)
-        folder = run(python, "-c", CHECK, environment=environment, cwd=work).strip()
-        if not folder:
-            raise NotBuilt(f"not all kernels were compiled for {level}: are the engines of solid things installed?")
-        finished = work / FINISHED / f"{Path(folder).name.split('-')[1]}-{level}"
-        finished.mkdir(parents=True)
+    plain = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "NUMBA_"))}
+    printed = run(python, "-I", EMIT, cache(), environment=plain, cwd=work)
+    files: dict[str, dict[str, bytes]] = defaultdict(dict)
+    for machine, _, folder in json.loads(printed.splitlines()[-1]):
         for path in sorted(Path(folder).glob("*.kernel")):
-            body = store.read(path.parent, path.name)
-            if body is None:
-                raise NotBuilt(f"{path} is damaged")
-            store.write(finished, path.name, body)
-            files[f"{FINISHED}/{finished.name}/{path.name}"] = (finished / path.name).read_bytes()
+            files[machine][f"{FINISHED}/{path.parent.name}/{path.name}"] = path.read_bytes()
     return files
+
+
+def cache() -> Path:
+    """Where kernels of wheels are kept."""
+    home = os.environ.get("XDG_CACHE_HOME")
+    return (Path(home) if home else Path("~/.cache").expanduser()) / "uwserver" / "wheels"
+
+
+def tags_for(machine: str, python: Path, pins: Mapping[str, str], work: Path) -> list[str]:
+    """Tags of numba's wheel for another machine and the same Python.
+
+    Raises:
+        NotBuilt: the package index has none of this version.
+    """
+    wanted = [f"{name}=={version}" for name, version in pins.items()]
+    platforms = [word for name in PLATFORMS for word in ("--platform", f"{name}{machine}")]
+    download = ("-m", "pip", "download", "--quiet", "--no-deps", "--only-binary", ":all:", "--dest", work / machine)
+    run(python, *download, *platforms, *wanted, environment=os.environ, cwd=work)
+    (numba,) = (work / machine).glob("numba-*.whl")
+    with zipfile.ZipFile(numba) as archive:
+        (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/WHEEL"))
+        return tags_of(archive.read(name).decode().splitlines())
+
+
+def tags_of(lines: Iterable[str]) -> list[str]:
+    """Tags in the lines of a file WHEEL."""
+    return [line.partition(": ")[2] for line in lines if line.startswith("Tag: ")]
 
 
 def pinned(metadata: str, versions: Mapping[str, str]) -> str:
@@ -148,8 +154,8 @@ def assemble(pure: Path, added: Mapping[str, bytes], tags: Sequence[str], pins: 
     return target
 
 
-def build(pure: Path, interpreter: str, out: Path) -> Path:
-    """Compile with an interpreter, and put the wheel for it and this platform into a folder.
+def build(pure: Path, interpreter: str, out: Path) -> list[Path]:
+    """Compile with an interpreter, and put the wheels for it into a folder: for this platform, and for others that can be served from here.
 
     Args:
         pure: beside it lies the wheel of uwclient, if the package index has none of that version.
@@ -163,38 +169,32 @@ def build(pure: Path, interpreter: str, out: Path) -> Path:
         work, environment = Path(name), dict(os.environ)
         run(interpreter, "-m", "venv", work / "venv", environment=environment, cwd=work)
         python = work / "venv" / "bin" / "python"
-        wanted = f"{pure.resolve()}[solid]"
-        install = (
-            "-m",
-            "pip",
-            "install",
-            "--quiet",
-            "--disable-pip-version-check",
-            "--find-links",
-            pure.resolve().parent,
-        )
-        run(python, *install, wanted, environment=environment, cwd=work)
+        install = ("-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-compile")
+        wanted = ("--find-links", pure.resolve().parent, f"{pure.resolve()}[solid]")
+        run(python, *install, *wanted, environment=environment, cwd=work)
         facts = json.loads(run(python, "-I", "-c", ASK % (COMPILERS,), environment=environment, cwd=work))
-        if facts["machine"] != "x86_64":
-            raise NotBuilt(
-                f"there are no kinds of CPU for {facts['machine']}: its kernels are compiled at the first start"
-            )
-        return assemble(pure, compile_kernels(python, facts["levels"], work), facts["tags"], facts["pins"], out)
+        files = compile_kernels(python, work)
+        if not files:
+            raise NotBuilt(f"there are no kinds of CPU for {facts['machine']}: kernels are compiled at the first start")
+        tags = {machine: tags_for(machine, python, facts["pins"], work) for machine in files if machine != facts["machine"]}  # fmt: skip
+        tags[facts["machine"]] = facts["tags"]
+        return [assemble(pure, files[machine], tags[machine], facts["pins"], out) for machine in sorted(files)]
 
 
 def main() -> int:
-    """Build one wheel."""
+    """Build the wheels of one Python."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("wheel", type=Path, help="the pure wheel")
     parser.add_argument("--python", default=sys.executable, help="the interpreter that it is for")
     parser.add_argument("--out", type=Path, default=Path("dist"), help="folder for the new wheel")
     options = parser.parse_args()
     try:
-        wheel = build(options.wheel, options.python, options.out)
+        made = build(options.wheel, options.python, options.out)
     except NotBuilt as error:
         print(f"no wheel: {error}", file=sys.stderr)
         return 1
-    print(f"{wheel.name}: {wheel.stat().st_size // 1024} KiB")
+    for wheel in made:
+        print(f"{wheel.name}: {wheel.stat().st_size // 1024} KiB")
     return 0
 
 

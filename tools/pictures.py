@@ -1,6 +1,6 @@
 """The pictures that README and docs show of the web view: `uwserver shot` for what stands still, a drive with the page's own keys for what moves.
 
-Needs Chromium, and Pillow (which matplotlib brings) for the animation. Give names to make only these: `python tools/pictures.py web_view web_drive`.
+Needs Chromium, and Pillow (which matplotlib brings) for the films. Give names to make only these: `python tools/pictures.py web_view web_drive`.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import NamedTuple
 
 from PIL import Image
 
@@ -50,12 +51,51 @@ STILL: dict[str, tuple[str, ...]] = {
     "web_scenario_swarm_100": ("swarm_100", "--at", "5", "--view", "orbit", *SMALL, *BARE),
 }
 """Names of files, and what is asked of `uwserver shot`."""
-DRIVE = "web_drive"
-KEYS: tuple[tuple[float, tuple[str, ...]], ...] = ((2.0, ("KeyW",)), (2.5, ("KeyW", "KeyD")), (2.0, ("KeyW", "KeyF")))
-"""Seconds of simulation time, and the keys that are held."""
-FRAME_S = 0.2
-PAGE, MOVING = (960, 540), (640, 360)
-"""Pixels of the page, and of the animation."""
+
+
+class Film(NamedTuple):
+    """What is steered by the keys of the page.
+
+    Attributes:
+        scenario: by name.
+        parts: of the page's address.
+        keys: seconds of simulation time, and the keys that are held.
+        begin_s: simulation time of the first frame.
+        frame_s: time from one frame to the next.
+        shown: pixels of the film.
+        camera: where it is from the vehicle: east, up, south, in m; as the view has it if there is none.
+    """
+
+    scenario: str
+    parts: dict[str, str]
+    keys: tuple[tuple[float, tuple[str, ...]], ...]
+    begin_s: float
+    frame_s: float
+    shown: tuple[int, int]
+    camera: tuple[float, float, float] | None = None
+
+
+FILMS = {
+    "web_drive": Film(
+        "pool_inspection",
+        {"view": "follow", "dock": "off", "theme": "dark", "quality": "high"},
+        ((2.0, ("KeyW",)), (2.5, ("KeyW", "KeyD")), (2.0, ("KeyW", "KeyF"))),
+        0.5,
+        0.2,
+        (640, 360),
+    ),
+    "web_crate": Film(
+        "push_the_crate",
+        {"dock": "off", "theme": "dark", "quality": "high"},
+        ((4.5, ("KeyW", "KeyF")), (1.25, ("KeyS",)), (1.75, ("KeyR", "KeyW"))),
+        0.2,
+        0.125,
+        (800, 450),
+        (1.5, 0.75, 1.25),
+    ),
+}
+PAGE = (960, 540)
+"""Pixels of the page that is filmed."""
 STEER = """
 (async () => {
   const { commands } = await import("/pilot/allocation.js");
@@ -66,20 +106,27 @@ STEER = """
 """
 """What the page does with its sticks twenty times a second; but for it time stands still here between two frames, and then it does not."""
 
+PLACE = """
+(() => {
+  const { camera, controls } = uw.drawing.views;
+  camera.position.copy(controls.target).add({ x: %g, y: %g, z: %g });
+})()
+"""
+
 
 def main() -> None:
     """Make all, or those that are named."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", default=[*STILL, DRIVE], help="of pictures; default: all")
+    parser.add_argument("names", nargs="*", default=[*STILL, *FILMS], help="of pictures; default: all")
     for name in parser.parse_args().names:
         file = FOLDER / f"{name}.webp"
-        if name == DRIVE:
-            drive(file)
+        if name in FILMS:
+            film(file, FILMS[name])
         else:
             still(file, STILL[name])
         kib = file.stat().st_size // 1024
         print(f"{file.name}: {kib} KiB", flush=True)
-        if kib >= (MOST_MOVING_KIB if name == DRIVE else MOST_KIB):
+        if kib >= (MOST_MOVING_KIB if name in FILMS else MOST_KIB):
             sys.exit(f"{file.name} is too large")
 
 
@@ -89,32 +136,33 @@ def still(file: Path, asked: tuple[str, ...]) -> None:
     subprocess.run([sys.executable, "-m", "uwserver", "shot", scenario, str(file), *options], check=True)
 
 
-def drive(file: Path) -> None:
+def film(file: Path, film: Film) -> None:
     """A vehicle that is steered as a person does, by the keys of the page; frame by frame, so that it is smooth on any machine."""
     frames: list[Image.Image] = []
-    parts = {"view": "follow", "dock": "off", "theme": "dark", "quality": "high"}
-    with showing("pool_inspection", chromium(), PAGE, parts) as page:
-        t = 0.5
+    with showing(film.scenario, chromium(), PAGE, film.parts) as page:
+        t = film.begin_s
         advance(page, t)
+        if film.camera is not None:
+            page.ask(PLACE % film.camera)
         wait_until_still(page)
-        for seconds, keys in KEYS:
+        for seconds, keys in film.keys:
             with page.holding(*keys):
                 page.wait("uw.pilot.owns && uw.pilot.sticks.some((stick) => stick !== 0)", "the keys steer")
-                for _ in range(round(seconds / FRAME_S)):
-                    t += FRAME_S
+                for _ in range(round(seconds / film.frame_s)):
+                    t += film.frame_s
                     page.ask(STEER)
                     advance(page, t)
-                    frames.append(_picture(page))
+                    frames.append(_picture(page, film.shown))
     frames[0].save(
-        file, save_all=True, append_images=frames[1:], duration=round(1000 * FRAME_S), loop=0, quality=60, method=4
+        file, save_all=True, append_images=frames[1:], duration=round(1000 * film.frame_s), loop=0, quality=60, method=4
     )
 
 
-def _picture(page: Page) -> Image.Image:
+def _picture(page: Page, shown: tuple[int, int]) -> Image.Image:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "frame.png"
         page.picture(file)
-        return Image.open(io.BytesIO(file.read_bytes())).convert("RGB").resize(MOVING)
+        return Image.open(io.BytesIO(file.read_bytes())).convert("RGB").resize(shown)
 
 
 if __name__ == "__main__":

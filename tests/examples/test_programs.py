@@ -164,7 +164,7 @@ def test_the_page_on_modems_says_what_happens(tmp_path: Path) -> None:
     assert abs(float(parting)) < 1.5
     assert float(snr) > 10.0
     (scenario,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
-    (tmp_path / "page.toml").write_text(f"schema = 1\n{scenario}")
+    (tmp_path / "page.toml").write_text(scenario)
     world = uwserver.load(tmp_path / "page.toml")
     world.command("auv/modem/send", destination=2, acknowledge=1)
     events = [s.value[0] for s in world.step(1200) if s.port == "auv/modem/received"]

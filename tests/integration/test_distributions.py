@@ -23,7 +23,8 @@ from packaging.requirements import Requirement
 from reader import blocks
 
 import uwserver
-from uwserver.physics.kernel.compiled import cache_state
+from uwserver.physics.kernel import compiled
+from uwserver.physics.kernel.compiled import LEVELS
 from uwserver.world.builds import STAGES, kernels_of
 
 if sys.version_info >= (3, 11):
@@ -312,17 +313,47 @@ def test_all_is_every_extra_that_a_server_can_use() -> None:
 
 
 def test_a_wheel_has_the_kernels_of_all_stages(tmp_path: Path) -> None:
-    """What is built is complete only when all are there."""
-    folder = tmp_path / str(cache_state.folder and cache_state.folder.name)
-    folder.mkdir(mode=0o700)
-    for kernel in (kernel for stage in STAGES for kernel in kernels_of(stage)):
-        (folder / f"{kernel}-0.kernel").touch()
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    kernel_wheel = tool("kernel_wheel")
+    """What is built is complete only when all are there, of each kind of CPU."""
+    levels = [(machine, level) for machine, of_it in LEVELS.items() for level in of_it]
+    physics = Path(compiled.__file__).parents[1]
+    own = tmp_path / "own" / f"kernels-{compiled.made_of(physics)}-{compiled.cpu_of()}"
+    places = [own, *(tmp_path / f"{compiled.made_of(physics, machine)}-{level}" for machine, level in levels)]
+    kernels = {*(kernel for stage in STAGES for kernel in kernels_of(stage)), "tree.pick_nearest"}
+    for place in places:
+        place.mkdir(mode=0o700, parents=True)
+        for kernel in kernels:
+            (place / f"{kernel}-0.kernel").touch()
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "own")}
 
-    def found() -> str:
-        return str(kernel_wheel.run(sys.executable, "-c", kernel_wheel.CHECK, environment=environment, cwd=tmp_path))
+    def told() -> str:
+        command = [sys.executable, str(ROOT / "tools/emit_kernels.py"), str(tmp_path), "check"]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+        assert (done.returncode == 0) is not done.stderr.strip()
+        return done.stderr
 
-    assert found().strip() == str(folder)
-    (folder / f"{kernels_of('copies')[0]}-0.kernel").unlink()
-    assert found().strip() == ""
+    assert told() == ""
+    (places[-1] / "tree.pick_nearest-0.kernel").unlink()
+    assert "armv8-a: 1 kernels are missing, tree.pick_nearest" in told()
+    (own / f"{kernels_of('copies')[0]}-0.kernel").unlink()
+    assert "not all kernels were compiled" in told()
+
+
+def test_stages_are_shared_by_what_they_take() -> None:
+    parts = tool("emit_kernels").shares(list(STAGES), 2)
+    assert sorted(stage for part in parts for stage in part) == sorted(STAGES)
+    first, second = (sum(STAGES[stage] for stage in part) for part in parts)
+    assert abs(first - second) < max(STAGES.values())
+
+
+def test_a_release_needs_every_python_and_another_build_takes_those_there(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dist = tool("dist")
+    text = (ROOT / "pyproject.toml").read_text()
+    monkeypatch.setattr(
+        dist.other_pythons, "interpreter", lambda version: None if version == "3.13" else Path(f"py{version}")
+    )
+    assert dist.interpreters(text, release=False) == ["py3.10", "py3.11", "py3.12"]
+    assert "Python 3.13" in capsys.readouterr().out
+    with pytest.raises(dist.Fault, match=r"Python 3\.13"):
+        dist.interpreters(text, release=True)

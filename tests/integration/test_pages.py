@@ -1,7 +1,8 @@
 """Readers follow README, tutorial, how-tos and client pages to the letter, each against the server that the page starts.
 
 All of them do so in `make test-all`. `make test` follows the README and what else is cheap, and reads all pages: each command line by the
-parser of its program, each listing of Python by Python.
+parser of its program, each listing of Python by Python. It also steps each scenario of a how-to: the first that a page shows or runs is whole; a
+part runs when it is put at the end of what `uwserver new tank` writes, or of the file that the page names.
 """
 
 from __future__ import annotations
@@ -9,26 +10,44 @@ from __future__ import annotations
 import ast
 import itertools
 import re
+import runpy
 import shlex
 import shutil
 import socket
+import sys
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
 import pytest
+import tomli_w
 from reader import ROOT, STARTS, Reader, blocks
+from readers_files import FILES
 from uwclient import cli as client_cli
 
-import uwserver
+from uwserver.adapter import installed_adapters
 from uwserver.cli import main
+from uwserver.scenario.authoring.starter import starter
+from uwserver.scenario.build.world import build
+from uwserver.scenario.files.errors import ScenarioError
+from uwserver.scenario.load.scenario import load
+from uwserver.scenario.load.tables import Scenario
+from uwserver.scenario.vehicle.tables import VehicleFile
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 FOLLOWED = (
     "README.md",
     "clients/nc/README.md",
     "clients/python/README.md",
     "docs/how-to/batch.md",
+    "docs/how-to/coming-from.md",
     "docs/how-to/faults.md",
     "docs/how-to/training.md",
 )
@@ -130,6 +149,78 @@ def test_every_listing_of_python_is_python() -> None:
             compile(block.text, page, "exec", ast.PyCF_ALLOW_TOP_LEVEL_AWAIT, dont_inherit=True)
             count += 1
     assert count > 30
+
+
+# -- scenarios of the how-tos ---------------------------------------------------------------------------------------------------------------
+
+HOW_TOS = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs/how-to").rglob("*.md"))
+OF_SCENARIOS = frozenset(Scenario.__struct_fields__)
+OF_VEHICLES = frozenset(VehicleFile.__struct_fields__)
+_LISTING = re.compile(
+    r"(?:at the end of `(?P<longer>[\w.]+)`:\n+)?(?P<indent> *)```toml\n(?P<text>.*?)^(?P=indent)```", re.S | re.M
+)
+_RUN = re.compile(r"\buwserver (?:run|play) (?![-A-Z.])([\w./]+)|uwserver\.(?:load|batch)\(['\"]([\w./]+)")
+
+
+def with_part(base: str, part: str) -> str:
+    """A scenario with a part of a page at its end. What a vehicle file takes, a vehicle of a scenario takes as an override."""
+    keys = set(tomllib.loads(part))
+    if keys <= OF_SCENARIOS:
+        return f"{base}\n{part}"
+    assert keys <= OF_VEHICLES, f"neither of a scenario nor of a vehicle: {sorted(keys - OF_SCENARIOS)}"
+    return base + "\n" + tomli_w.dumps({"vehicles": {"rov": {"override": tomllib.loads(part)}}})
+
+
+def adapters_beside(folder: Path) -> dict[str, Any]:
+    """Configuration types of adapters by kind: the installed ones, and those that a page's own Python files define."""
+    made = (value for file in folder.glob("*.py") for value in runpy.run_path(str(file)).values())
+    own = [value.Config for value in made if isinstance(getattr(value, "Config", None), type)]
+    return installed_adapters() | {str(config.__struct_config__.tag): config for config in own}
+
+
+@pytest.mark.parametrize("page", HOW_TOS)
+def test_scenarios_of_a_how_to_run(page: str, tmp_path: Path) -> None:
+    """The first that it shows or runs is whole, and its parts fit where they are put."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    for block in blocks(page):
+        if block.file:
+            (tmp_path / block.file).write_text(block.text, encoding="utf-8")
+    for name, write in FILES.items():
+        if name in text:
+            write(tmp_path / name)
+    adapters = adapters_beside(tmp_path)
+    shipped = {path.stem: path for path in (ROOT / "scenarios/uwserver_scenarios").glob("*.toml")}
+    first_run = _RUN.search(text)
+    whole_at = [first_run.start()] if first_run and (first_run[1] or first_run[2]) in shipped else []
+    if "uwserver new tank" in text:
+        whole_at.append(text.index("uwserver new tank"))
+    for found in _LISTING.finditer(text):
+        listing = textwrap.dedent(found["text"])
+        keys = set(tomllib.loads(listing))
+        if not keys & (OF_SCENARIOS | OF_VEHICLES):
+            continue  # a mapping of a log, the metadata of a package
+        if "schema" in keys:
+            whole_at.append(found.start())
+        elif keys <= OF_SCENARIOS:
+            assert min(whole_at, default=len(text)) < found.start(), f"a part before anything whole:\n{listing}"
+        longer = (found["longer"] or "").removesuffix(".toml")
+        if longer in shipped:
+            assert f"uwserver copy {longer}" in text
+        base = (
+            shipped.get(longer, tmp_path / f"{longer}.toml").read_text()
+            if longer
+            else starter("tank", "bluerov2_heavy")
+        )
+        scenario = tmp_path / f"{len(whole_at)}_{found.start()}.toml"
+        scenario.write_text(listing if "schema" in keys else with_part(base, listing), encoding="utf-8")
+        try:
+            build(load(scenario, adapters=adapters)).step(2)
+        except ScenarioError as error:
+            raise AssertionError(f"{listing}\n{error}") from error
+    if first_run is not None:
+        assert min(whole_at, default=len(text)) <= first_run.start(), (
+            f"runs a scenario that it has not shown: {first_run[0]}"
+        )
 
 
 @pytest.mark.parametrize(
@@ -259,19 +350,17 @@ def test_a_dive_over_mavlink(tmp_path):
         assert "LOCAL_POSITION_NED {" in reader.said[code]
 
 
-def test_what_is_solid_loads_and_a_grid_is_converted(tmp_path):
+def test_a_grid_is_made_and_one_is_converted(tmp_path):
     page = "docs/how-to/seabed-and-structures.md"
-    first = blocks(page, "toml")[0].text
-    (tmp_path / "solid.toml").write_text(
-        f'schema = 1\n{first}[vehicles.rov]\nmodel = "bluerov2"\nposition_ned_m = [0, 0, 5]\n'
-    )
     (tmp_path / "g.asc").write_text(
         "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 1\nNODATA_value -1\n-1 -2\n-3 -4\n"
     )
     (convert,) = [line for line in blocks(page, "sh")[0].text.splitlines() if line.startswith("python -c")]
-    uwserver.load(tmp_path / "solid.toml")
+    (slope,) = blocks(page, "python")
     with Reader(tmp_path) as reader:
         reader.type(convert)
+        reader.run_python(slope.text)
+    assert np.load(tmp_path / "slope.npy").shape == (101, 101)
     assert np.load(tmp_path / "g.npy").tolist() == [[3.0, 4.0], [1.0, 2.0]]
 
 

@@ -2,38 +2,18 @@
 
 from __future__ import annotations
 
-import struct
 from importlib import resources
 from pathlib import Path
 
 import pytest
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from reader import Reader, blocks
+from readers_files import write_tlog
 
 import uwserver
 from uwserver.scenario.build.world import build
 from uwserver.scenario.load.scenario import load
 
 PAGE = "docs/how-to/review.md"
-START_US = 1_767_225_600_000_000
-LAT, LON = 634_600_000, 103_800_000
-
-
-def write_tlog(path: Path, seconds: int = 10) -> None:
-    """A dive northwards at 1 m/s, 5 m deep; its GLOBAL_POSITION_INT lags a metre behind."""
-    link = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-    with path.open("wb") as file:
-        for k in range(10 * seconds):
-            ms, north = 100 * k, 0.1 * k
-            messages = [
-                mavlink.MAVLink_attitude_message(ms, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-                mavlink.MAVLink_local_position_ned_message(ms, north, 0.0, 5.0, 1.0, 0.0, 0.0),
-                mavlink.MAVLink_global_position_int_message(
-                    ms, LAT + round((north - 1.0) * 89.7), LON, -5000, -5000, 100, 0, 0, 0
-                ),
-            ]
-            for message in messages:
-                file.write(struct.pack(">Q", START_US + 1000 * ms) + message.pack(link))
 
 
 def test_the_page_s_table_reads_a_telemetry_log(tmp_path):

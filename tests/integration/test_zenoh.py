@@ -375,7 +375,7 @@ def test_the_programs_and_the_command_of_the_guide_run(tmp_path):
     program = re.findall(r"```python\n(.*?)```", guide, re.DOTALL)[0]
     table = re.findall(r"```toml\n(.*?)```", guide, re.DOTALL)[0]
     endpoint = free_endpoint()
-    with serving(tmp_path, ROV + table.replace("tcp/127.0.0.1:7447", endpoint)) as server:
+    with serving(tmp_path, table.replace("tcp/127.0.0.1:7447", endpoint)) as server:
         text = program.replace("tcp/127.0.0.1:7447", endpoint)
         done = subprocess.run([python(), "-c", text], capture_output=True, text=True, timeout=PATIENCE_S)
         (line,) = re.findall(r"^uwclient (.*)$", guide, re.MULTILINE)

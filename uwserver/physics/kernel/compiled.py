@@ -53,13 +53,16 @@ ENTRY_KERNELS = {
 """The kernels that Python calls, by what a world needs them for."""
 
 LEVELS = {
-    "x86-64-v3": (
-        "cx8", "cmov", "fxsr", "mmx", "sse", "sse2", "sse3", "ssse3", "sse4.1", "sse4.2", "popcnt", "cx16", "sahf",
-        "avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave",
-    ),
-    "x86-64": (),
+    "x86_64": {
+        "x86-64-v3": (
+            "cx8", "cmov", "fxsr", "mmx", "sse", "sse2", "sse3", "ssse3", "sse4.1", "sse4.2", "popcnt", "cx16", "sahf",
+            "avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave",
+        ),
+        "x86-64": (),
+    },
+    "aarch64": {"armv8-a": ()},
 }  # fmt: skip
-"""The kinds of CPU for which wheels contain kernels, the best first, with the features of LLVM that each needs."""
+"""The kinds of CPU of each machine for which wheels contain kernels, the best first, with the features of LLVM that each needs."""
 
 FINISHED = Path(__file__).with_name("finished")
 
@@ -114,9 +117,15 @@ def kernel_sources(package: Path) -> tuple[Path, ...]:
     return tuple(package / f"{name}.py" for name in sorted(wanted))
 
 
-def made_of(package: Path) -> str:
-    """Return a hash of all that a kernel is made of except the CPU: the sources, and the versions of the tools that compile them."""
-    parts = numba.__version__, llvmlite.__version__, str(sys.implementation.cache_tag), sys.platform, platform.machine()
+def made_of(package: Path, machine: str = "") -> str:
+    """Return a hash of all that a kernel is made of except the CPU: the sources, and the versions of the tools that compile them.
+
+    Args:
+        package: folder of `uwserver.physics`, or a copy of it.
+        machine: as `platform.machine` calls it; this one if empty.
+    """
+    here = machine or platform.machine()
+    parts = numba.__version__, llvmlite.__version__, str(sys.implementation.cache_tag), sys.platform, here
     return plain.hash_of(package, kernel_sources(package), "\n".join(parts))
 
 
@@ -134,10 +143,11 @@ def _packaged(sources: str) -> tuple[Path, ...]:
     """Return the folders of the package whose kernels run on this CPU, the best first; none if the user chose a CPU by hand."""
     if IS_PLAIN:
         return ()
-    if numba.config.CPU_NAME or numba.config.CPU_FEATURES is not None or platform.machine() not in ("x86_64", "AMD64"):
+    levels = LEVELS.get(platform.machine(), {})
+    if numba.config.CPU_NAME or numba.config.CPU_FEATURES is not None:
         return ()
     has = set(_features().split(","))
-    fit = [level for level, needs in LEVELS.items() if has >= {f"+{feature}" for feature in needs}]
+    fit = [level for level, needs in levels.items() if has >= {f"+{feature}" for feature in needs}]
     return tuple(folder for level in fit if (folder := FINISHED / f"{sources}-{level}").is_dir())
 
 

@@ -15,7 +15,7 @@ from uwserver.scenario.load.scenario import load
 from uwserver.testing import FakeContext
 
 PAGE = (Path(__file__).parents[4] / "docs" / "how-to" / "moos.md").read_text()
-LISTINGS = re.findall(r"^ *```toml\n(.*?)^ *```", PAGE, re.S | re.M)
+LISTINGS = re.findall(r"^ *```(?:toml|text)\n(.*?)^ *```", PAGE, re.S | re.M)
 CLIENT, DATABASE = (listing for listing in LISTINGS if listing.startswith("schema"))
 (OWN_GAINS,) = (listing for listing in LISTINGS if "159.7" in listing)
 (RESET,) = (listing for listing in LISTINGS if "teleport" in listing)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -442,14 +440,3 @@ def test_the_builder_has_the_verb():
     assert scenario.faults["dead"] == ThrusterDead(target="rov/thrusters", at_s=2.0)
     with pytest.raises(ScenarioError, match="unknown kind"):
         ScenarioBuilder("trial").fault("dead", "thruster_ded", "rov/thrusters")
-
-
-@pytest.mark.parametrize("page", ["sea", "faults"])
-def test_the_listings_of_the_how_to_pages_load(page, tmp_path):
-    text = (Path(__file__).parents[4] / "docs" / "how-to" / f"{page}.md").read_text(encoding="utf-8")
-    for listing in re.findall(r"```toml\n(.*?)```", text, re.S):
-        path = tmp_path / "page.toml"
-        if listing.startswith("[added_mass"):  # of a vehicle file
-            listing = "[vehicles.rov.override]\n" + listing.replace("[added_mass", "[vehicles.rov.override.added_mass")
-        path.write_text(f'schema = 1\n[vehicles.rov]\nmodel = "bluerov2_heavy"\n{listing}')
-        assert not load(path, adapters={}).warnings

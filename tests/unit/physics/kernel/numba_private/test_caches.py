@@ -133,21 +133,37 @@ of_x86_64 = pytest.mark.skipif(platform.machine() != "x86_64", reason="levels of
 @pytest.mark.parametrize(
     ("features", "levels"),
     [
-        (",".join(f"+{feature}" for feature in (*LEVELS["x86-64-v3"], "avx512f")), ["x86-64-v3", "x86-64"]),
-        (",".join(f"+{feature}" for feature in LEVELS["x86-64-v3"] if feature != "avx2") + ",-avx2", ["x86-64"]),
+        (",".join(f"+{feature}" for feature in (*LEVELS["x86_64"]["x86-64-v3"], "avx512f")), ["x86-64-v3", "x86-64"]),
+        (
+            ",".join(f"+{feature}" for feature in LEVELS["x86_64"]["x86-64-v3"] if feature != "avx2") + ",-avx2",
+            ["x86-64"],
+        ),
         ("", ["x86-64"]),
     ],
 )
 def test_the_best_level_comes_first_whose_every_feature_the_cpu_has(
     features: str, levels: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for level in LEVELS:
+    for level in (*LEVELS["x86_64"], *LEVELS["aarch64"]):
         (tmp_path / f"0123-{level}").mkdir()
     monkeypatch.setattr(compiled, "FINISHED", tmp_path)
     monkeypatch.setattr(compiled, "get_host_cpu_features", lambda: features)
     monkeypatch.setattr(compiled.numba.config, "CPU_FEATURES", None)
     assert [folder.name for folder in compiled._packaged("0123")] == [f"0123-{level}" for level in levels]
     assert compiled._packaged("4567") == ()
+
+
+@pytest.mark.parametrize(("machine", "levels"), [("aarch64", ["armv8-a"]), ("riscv64", [])])
+def test_each_machine_has_its_own_kernels(
+    machine: str, levels: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for level in (*LEVELS["x86_64"], *LEVELS["aarch64"]):
+        (tmp_path / f"0123-{level}").mkdir()
+    monkeypatch.setattr(compiled, "FINISHED", tmp_path)
+    monkeypatch.setattr(compiled, "get_host_cpu_features", lambda: "+neon,+fp-armv8")
+    monkeypatch.setattr(compiled.numba.config, "CPU_FEATURES", None)
+    monkeypatch.setattr(compiled.platform, "machine", lambda: machine)
+    assert [folder.name for folder in compiled._packaged("0123")] == [f"0123-{level}" for level in levels]
 
 
 @of_x86_64

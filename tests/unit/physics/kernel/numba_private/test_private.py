@@ -22,6 +22,8 @@ REMEDY = (
 KNOWN: tuple[tuple[Callable[..., Any], str], ...] = (
     (codegen.JITCodeLibrary.finalize, "self"),
     (codegen.JITCodeLibrary._optimize_final_module, "self"),
+    (codegen.JITCodeLibrary._finalize_final_module, "self"),
+    (codegen.JITCodeLibrary._get_module_for_linking, "self"),
     (codegen.JITCodeLibrary.get_function, "self name"),
     (codegen.JITCodeLibrary.enable_object_caching, "self"),
     (codegen.JITCodeLibrary.get_pointer_to_function, "self name"),
@@ -60,6 +62,7 @@ def test_a_compiled_kernel_holds_what_the_linker_and_the_cache_look_at() -> None
     for name in ("_linking_libraries", "_final_module", "_finalized", "_codegen", "has_dynamic_globals"):
         assert hasattr(code, name), f"{name}: {REMEDY}"
     assert callable(code._codegen.set_env), REMEDY
+    assert code._codegen._tm is not None, REMEDY  # tools/emitting.py
     for name in ("llvm_func_name", "llvm_cpython_wrapper_name"):
         assert hasattr(made.fndesc, name), f"{name}: {REMEDY}"
     (name, kind, (machine_code, _)), *_ = made._reduce()
