@@ -58,7 +58,7 @@ class Trial(msgspec.Struct, frozen=True, omit_defaults=True):
     Attributes:
         by: the first test that found it.
         seconds: wall time.
-        commit: of the tests.
+        commit: commit of the tests.
         doubts: tests that failed with the fault once, and not again.
     """
 
@@ -74,7 +74,7 @@ class Tree:
 
     Attributes:
         root: where they are.
-        commit: of the tests.
+        commit: commit of the tests.
         broken, sound: tests of which it is known that they fail, or pass, without any fault. Grow.
     """
 
@@ -82,7 +82,7 @@ class Tree:
         """Take a folder as it is.
 
         Args:
-            root: of it.
+            root: where the folder is.
             python: runs the tests.
             cache: folder for compiled kernels.
             broken, sound: what is known already.

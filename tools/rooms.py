@@ -40,7 +40,7 @@ def tests_of(path: str | Path, root: Path = ROOT) -> tuple[str, ...]:  # noqa: P
     """Tests of a file, the nearest first: its own, then the rest of its room.
 
     Args:
-        path: of the file, below the checkout.
+        path: path of the file, below the checkout.
         root: the checkout.
 
     Returns:

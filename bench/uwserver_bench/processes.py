@@ -66,7 +66,7 @@ def serving(
     Args:
         scenario: name of a shipped scenario, or a file.
         python: program with the uwserver that serves.
-        environment: of the server.
+        environment: environment of the server.
         place: its working directory; default: that of this process.
         options: further options of `uwserver run`.
 

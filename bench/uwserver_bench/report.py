@@ -25,7 +25,7 @@ class Row:
     Attributes:
         group: "physics", "server" or "start".
         name: what was measured.
-        unit: of the values.
+        unit: unit of the values.
         values: one for each repeat, in their order; empty if the figure could not be measured.
         at_least, at_most: the bar: least or largest allowed median; both are None for information only.
         note: why it could not be measured, or a condition of the value.

@@ -20,7 +20,7 @@ class WebSocket:
 
     Args:
         stream: connected.
-        host: of the server, with its port.
+        host: host of the server, with its port.
         path: what is asked for.
 
     Attributes:

@@ -45,7 +45,7 @@ class Lamps:
     """Holds the levels of lamps, which cameras read.
 
     Attributes:
-        names: of the lamps.
+        names: names of the lamps.
         memory: their levels.
     """
 

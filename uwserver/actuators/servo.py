@@ -16,9 +16,9 @@ class Moved(NamedTuple):
     """What servos of one kind move.
 
     Attributes:
-        table: of the vehicle file (``fins``).
+        table: table of the vehicle file (``fins``).
         noun: name of one of them ("fin").
-        field, unit, doc: of the command.
+        field, unit, doc: those of the command.
     """
 
     table: str
@@ -78,14 +78,14 @@ class Servos:
     """Writes set points into servo rows.
 
     Attributes:
-        rows: of the members.
+        rows: rows of the members.
     """
 
     def __init__(self, body: Body, moved: Moved, members: Sequence[str] | None, *, is_vector: bool = False) -> None:
         """Find the rows of the members.
 
         Args:
-            body: of the vehicle.
+            body: body of the vehicle.
             moved: what the servos move.
             members: names in the table of `moved`; None for all in it.
             is_vector: whether the command is a vector; otherwise it is one number for the only member.

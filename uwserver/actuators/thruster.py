@@ -67,7 +67,7 @@ class Thrusters:
     """Writes commands into thruster rows.
 
     Attributes:
-        rows: of the members, by name.
+        rows: rows of the members, by name.
         propulsors: their places and the directions of their thrust.
     """
 

@@ -176,7 +176,7 @@ def refuse_impossible(path: str, estimate: Estimate, memory: Memory, orders: Ord
     """Refuse a saved state that no autopilot can have had.
 
     Args:
-        path: of the autopilot.
+        path: path of the autopilot.
         estimate, memory, orders: the saved state.
 
     Raises:
@@ -348,7 +348,7 @@ class AutopilotArrays:
     """The rows of several autopilots, one after the other.
 
     Attributes:
-        rows: of the autopilots.
+        rows: rows of the autopilots.
         table: the table of the arrays for compiled code.
         entries: the module with the compiled code.
         tell_one: an entry of it that is called in ticks, without the search for a version.
@@ -365,9 +365,9 @@ class AutopilotArrays:
         """Hold the rows of these autopilots, and of no others. All autopilots that come or go keep their values.
 
         Args:
-            rows: of the autopilots.
+            rows: rows of the autopilots.
             streams: numbers of the streams that compiled code delivers, by port.
-            count: of these numbers.
+            count: count of these numbers.
         """
         gone, self.rows = self.rows, tuple(rows)
         all_inputs = [row.spec.inputs for row in self.rows]

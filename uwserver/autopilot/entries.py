@@ -84,7 +84,7 @@ def listen_all(table: Array, delivered: Array, values: Array, count: int, now_ns
     """Correct the estimates of all autopilots that read the streams of delivered samples.
 
     Args:
-        table: of the autopilots.
+        table: table of the autopilots.
         delivered: records with `stream`, `t_ns` and `valid` of each sample.
         values: (n, w) numbers of each sample.
         count: number of samples.

@@ -404,7 +404,7 @@ def go_on(e: Any, c: Any, drifts: bool, sinks: bool) -> None:
     """Predict the estimate after one step of the autopilot.
 
     Args:
-        e, c: of the vehicle.
+        e, c: those of the vehicle.
         drifts: no sensor measures the horizontal motion. It is then assumed to die away, because its integral would consist of errors of tilt.
         sinks: the same for the vertical motion.
     """

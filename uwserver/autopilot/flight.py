@@ -65,7 +65,7 @@ def fly(p: Any, devices: Array, curves: Array, t_ns: int, stage: int) -> int:
     Args:
         p: PILOT; `gives` of its SPEC becomes 1 if the step makes new commands, which are then in `force` of the devices.
         devices: its DEVICE rows.
-        curves: of all devices.
+        curves: curves of all devices.
         t_ns: simulation time.
         stage: at which the step begins or continues.
 

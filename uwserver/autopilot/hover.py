@@ -176,7 +176,7 @@ def _point_bow(e: Any, o: Any, c: Any, away: float, north: float, east: float) -
     """Point the bow in a direction, if the vehicle goes bow first and is not near its place yet.
 
     Args:
-        e, o, c: of the vehicle.
+        e, o, c: those of the vehicle.
         away: horizontal distance of the place, m.
         north, east: the direction, of any length.
 

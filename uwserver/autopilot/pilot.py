@@ -329,8 +329,8 @@ class Autopilot:
         """Fly a mission from this item on. The call is answered when its last item is done.
 
         Args:
-            items: of the mission; None for the present mission.
-            index: of the first item.
+            items: items of the mission; None for the present mission.
+            index: index of the first item.
 
         Raises:
             Refused: see `start_mission`. Then nothing changes.

@@ -72,7 +72,7 @@ class SetPoint:
     """The actuator of a port for set points. A command changes the orders of the autopilot.
 
     Attributes:
-        fields, doc: of the port.
+        fields, doc: those of the port.
         take: carries out a command; it gets the fields as arguments.
         neutral: carries out the watchdog.
     """

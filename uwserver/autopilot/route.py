@@ -30,9 +30,9 @@ def check_altitude(where: Waypoint, spec: VehicleSpec, gains: Gains, at: str, ke
 
     Args:
         where: the waypoint.
-        spec, gains: of the vehicle.
+        spec, gains: those of the vehicle.
         at: begin of the error text: which item.
-        key: of the error.
+        key: key of the error.
 
     Raises:
         Refused: the vehicle cannot see the bottom or cannot dive, or the altitude is less than the least of its gains.
@@ -68,7 +68,7 @@ def set_course(o: Orders, e: Estimate, place: Vec3, heading: float | None, speed
     """Go to a place and its depth.
 
     Args:
-        o, e: of the vehicle.
+        o, e: those of the vehicle.
         place: p_N, m.
         heading: rad; None: the bow points where the vehicle goes.
         speed: m/s; None: `cruise_mps` of the gains.
@@ -120,7 +120,7 @@ def begin(o: Orders, e: Estimate, arrival_m: float, sees_bottom: bool) -> None:
     """Begin the present item of the mission.
 
     Args:
-        o, e: of the vehicle.
+        o, e: those of the vehicle.
         arrival_m: distance at which a waypoint without a radius counts as reached, m.
         sees_bottom: whether the altitude is known.
     """

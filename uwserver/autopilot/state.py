@@ -82,9 +82,9 @@ class Memory(Struct):
     Attributes:
         push: integral of the position loops: the acceleration in N against buoyancy and current, m/s2.
         twist: integral of the rate loops: angular acceleration in B, rad/s2.
-        crab: of a torpedo: course minus heading, rad.
-        sag: of a torpedo: angle of its path down minus angle of its axis down, rad.
-        through: of a torpedo: speed through the water as its propeller should have made it, m/s.
+        crab: crab of a torpedo: course minus heading, rad.
+        sag: sag of a torpedo: angle of its path down minus angle of its axis down, rad.
+        through: speed through the water of a torpedo, as its propeller should have made it, m/s.
         tau: demanded wrench in B, N and N m.
         lack: the part of `tau` that the actuators could not make.
         outputs: last commands of the actuators, as parts of their full commands.
@@ -113,11 +113,11 @@ class Orders(Struct):
         turn: commanded yaw rate, rad/s; nan if there is none.
         turn_limit: largest yaw rate while the vehicle turns to `heading`, rad/s.
         given: the set points that a command has set since the mode began.
-        attitude, heave: of an attitude command; the attitude is None if there is none.
+        attitude, heave: those of an attitude command; the attitude is None if there is none.
         velocity: commanded velocity.
         frame: its frame; "" if no velocity is commanded.
         origin: start of the path to `place`. The vehicle follows the line from there.
-        speed, radius: of the path to `place`, m/s and m.
+        speed, radius: those of the path to `place`, m/s and m.
         looks: the vehicle turns its bow to where it goes.
         blind: the vehicle goes at an altitude and does not see the bottom, so it holds its depth.
         settled: a torpedo has arrived, and circles the place.

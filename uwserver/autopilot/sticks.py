@@ -74,7 +74,7 @@ def follow_estimate(o: Any, e: Any, depth: bool, heading: bool, place: bool) -> 
     So they follow when the first sample of a sensor moves the estimate far away.
 
     Args:
-        o, e: of the vehicle.
+        o, e: those of the vehicle.
         depth, heading, place: which set points.
     """
     if depth and o.given & _DEPTH == 0:

@@ -56,11 +56,11 @@ class SensorInput(NamedTuple):
 
     Attributes:
         message: that its fields fit.
-        fields: of its port.
+        fields: fields of its port.
         p, q: mounting: p_BS (m) and q_BS.
         sigma: standard deviation of its position that the operator expects, m.
         north: angle of its north east of true north, rad.
-        density, atmosphere: of a pressure sensor: rho g (Pa/m), and the pressure at the surface (Pa); 0 if it measures depth.
+        density, atmosphere: those of a pressure sensor: rho g (Pa/m), and the pressure at the surface (Pa); 0 if it measures depth.
     """
 
     message: str
@@ -79,7 +79,7 @@ class SiteData:
 
     Attributes:
         gravity: m/s2.
-        latitude, longitude: of the origin of N, rad.
+        latitude, longitude: those of the origin of N, rad.
         beacons: assumed p_N (m) of beacons, by name.
         start: p_N where dead reckoning begins; None: at the origin of N, with a large uncertainty.
     """
@@ -155,10 +155,10 @@ class Dynamics:
     hovers (`hover`).
 
     Attributes:
-        inertia: of each axis, added mass included, kg and kg m2.
+        inertia: inertia of each axis, added mass included, kg and kg m2.
         reach: largest wrench of each axis, N and N m; of a torpedo: of the propeller at rest, and of the fins at 1 m/s.
         linear, quadratic: damping of each axis, N s/m and N s2/m2; not used for a torpedo.
-        righting: of a torpedo: moment of weight and buoyancy, over the sine of roll or pitch, N m.
+        righting: righting of a torpedo: moment of weight and buoyancy, over the sine of roll or pitch, N m.
         shaft: the propeller of a torpedo.
     """
 
@@ -181,11 +181,11 @@ class VehicleSpec:
         dynamics: its dynamics.
         held: slots of the actuators, in the order of the devices of the allocation.
         shares: number of devices of each of them.
-        names: of the devices, ``thrusters.t1``.
+        names: names of the devices, ``thrusters.t1``.
         blocked: slots of other actuators that move the same devices.
         gains: at the start.
         divisor: ticks per step.
-        dt: of a step, s.
+        dt: length of a step, s.
         up: the vehicle is at the surface if its origin is above this depth, m.
         mode, armed: at the start.
         on_leak, on_low_battery: what it does then: "surface" or "warn".

@@ -63,7 +63,7 @@ class Batch:
 
         Args:
             build: makes a world with a seed.
-            seeds: of the copies.
+            seeds: seeds of the copies.
             sensors: paths of the sensors that measure; None for all. Batteries, and sensors that an autopilot uses, always measure.
             parameters: see `reset`.
             threads: number of threads that step the copies, that of the caller included; the results do not depend on it.

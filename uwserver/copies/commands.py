@@ -92,7 +92,7 @@ class Commands:
         """Check commands, and keep them until they act.
 
         Args:
-            path: of the port.
+            path: path of the port.
             value: by field, an array of the field's shape for all copies, or (k, *shape) for the copies `which`, in their order.
             which: (k) numbers of copies.
             ticks: (n) of all copies.

@@ -49,8 +49,8 @@ class Copy:
 
     Attributes:
         world: as `uwserver.load` gives it; its own `step` is never called.
-        kernels: of its sensors.
-        params: of its bodies, as in the scenario.
+        kernels: kernels of its sensors.
+        params: params of its bodies, as in the scenario.
     """
 
     def __init__(self, world: World, measured: Collection[str]) -> None:
@@ -171,9 +171,9 @@ def for_copies(name: str, given: Any, shape: tuple[int, ...], which: IntArray) -
     """Return a new array (k, *shape) of numbers for k copies.
 
     Args:
-        name: of what is given, for the error.
+        name: name of what is given, for the error.
         given: an array of this shape, or of the shape of one copy's value, which then holds for all of them.
-        shape: of one copy's value.
+        shape: shape of one copy's value.
         which: (k) numbers of the copies.
 
     Raises:

@@ -22,8 +22,8 @@ class Parameter(NamedTuple):
     """One parameter.
 
     Attributes:
-        shape: of its value for one copy.
-        unit, default: of the value; nan stands for the value of the scenario.
+        shape: shape of its value for one copy.
+        unit, default: those of the value; nan stands for the value of the scenario.
         minimum, maximum: limits.
         doc: one sentence.
     """

@@ -29,7 +29,7 @@ class Readings(Mapping[str, NDArray[Any]]):
     and buffers are left out. The arrays belong to the caller until these readings are given as ``out=`` to be filled again.
 
     Attributes:
-        port: of the sensor.
+        port: port of the sensor.
         packed: (n, w) the numbers of all fields, one after the other.
         stamps: (n, 4) seq, t_ns, t_sent_ns, valid.
     """
@@ -93,7 +93,7 @@ def described(
     Args:
         n: number of copies.
         rate_hz: ticks per second.
-        vehicles: of each copy.
+        vehicles: vehicles of each copy.
         ports: the sensors that measure.
         commands: the actuators.
     """

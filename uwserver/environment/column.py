@@ -35,7 +35,7 @@ def absorption(frequency_Hz: float, temperature: float, salinity: float, depth: 
         temperature: degC.
         salinity: practical salinity.
         depth: m, positive down.
-        ph: of the water.
+        ph: pH of the water.
     """
     f2 = (frequency_Hz * 1e-3) ** 2
     t, s, d = temperature, salinity, max(0.0, depth)

@@ -76,8 +76,8 @@ def turns_of_level(rate: Vec3, curvature: tuple[float, float], p: Vec3, v: Vec3)
     is of first order in that angle; the error at 10 km is some 1e-6 of the Earth's rate.
 
     Args:
-        rate: of the Earth at the origin, in N.
-        curvature: of the ellipsoid to the north and to the east, 1/m.
+        rate: rate of the Earth at the origin, in N.
+        curvature: curvature of the ellipsoid to the north and to the east, 1/m.
         p, v: place and velocity in N, m and m/s.
     """
     a, b = p[1] * curvature[1], -p[0] * curvature[0]
@@ -93,7 +93,7 @@ class Earth:
     ellipsoid vertically below its place in the plane, and its height is -z.
 
     Attributes:
-        latitude, longitude: of the origin, rad.
+        latitude, longitude: those of the origin, rad.
         epoch_ns: UTC of t = 0, ns since 1970.
         magnetic: field at the origin in N, and its gradient to the north, east and down (T, T/m).
         rotating: whether the Earth rotates and is round; else N is an inertial frame.

@@ -30,8 +30,8 @@ class WaterLight(NamedTuple):
     """Optical properties of a water type for three colours (`WAVELENGTHS_NM`), 1/m.
 
     Attributes:
-        attenuation: of a beam by absorption and scattering, c.
-        scattering: of a beam, b; absorption is the difference.
+        attenuation: attenuation of a beam by absorption and scattering, c.
+        scattering: scattering of a beam, b; absorption is the difference.
         fading: attenuation of daylight downwards, K_d.
     """
 
@@ -73,8 +73,8 @@ class Daylight(NamedTuple):
 
     Attributes:
         illuminance: on the surface, lux; 0 at night.
-        elevation: of the sun, rad.
-        azimuth: of the sun, clockwise from north, rad.
+        elevation: elevation of the sun, rad.
+        azimuth: azimuth of the sun, clockwise from north, rad.
         sky: part of the light that comes from the whole sky.
     """
 
@@ -100,7 +100,7 @@ def fresnel(cosine: float, ratio: float) -> float:
     """Return the part of unpolarised light that a plane reflects.
 
     Args:
-        cosine: of the angle of incidence.
+        cosine: cosine of the angle of incidence.
         ratio: refractive index before the plane over that behind it.
     """
     square = 1.0 - ratio * ratio * (1.0 - cosine * cosine)

@@ -80,8 +80,8 @@ def wave_rows(config: WavesConfig, direction: float, gravity: float, rng: np.ran
     numpy's depend on the processor.
 
     Args:
-        config: of the waves.
-        direction: of travel, rad from north.
+        config: config of the waves.
+        direction: direction of travel, rad from north.
         gravity: m/s2.
         rng: random stream of the waves.
     """

@@ -108,7 +108,7 @@ class Stream:
     """The stream that a modifier changes.
 
     Attributes:
-        fields: of the port.
+        fields: fields of the port.
         dt: sample interval, s.
         key: key of the random numbers of the modifier's path.
     """

@@ -30,8 +30,8 @@ class Columns:
     without a place are loose: texts, bytes, buffers, and pictures of whole numbers.
 
     Attributes:
-        fields: of the port.
-        width: of a row.
+        fields: fields of the port.
+        width: width of a row.
         first: place of the first component of each field; -1 for loose fields.
         loose: positions of the loose fields.
         is_small: whether all loose fields are texts.

@@ -22,7 +22,7 @@ class Drift(ModifierTable, tag="drift", kw_only=True, frozen=True):
     Attributes:
         rate: linear drift, field's unit per second; one number for all components, or one for each.
         rate_sigma: standard deviation of a further rate that is drawn once, unit/s.
-        density: of the random walk, field's unit/sqrt(s): after t seconds its standard deviation is density sqrt(t).
+        density: density of the random walk, field's unit/sqrt(s): after t seconds its standard deviation is density sqrt(t).
     """
 
     field: Name

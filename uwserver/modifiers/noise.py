@@ -61,7 +61,7 @@ class Correlated(Memory):
 
     Attributes:
         last: time of the previous reading, s.
-        error: of each component, field's unit.
+        error: error of each component, field's unit.
     """
 
     last: Time = NEVER

@@ -61,7 +61,7 @@ class Operation(Modifier):
     Attributes:
         rows: an OPERATION for each field that it changes; their `memory` counts from the begin of `numbers`.
         numbers: the memory as numbers, as long as the modifier is not in a world.
-        columns: of the stream.
+        columns: columns of the stream.
     """
 
     def __init__(
@@ -77,10 +77,10 @@ class Operation(Modifier):
         """Make the operations of a modifier.
 
         Args:
-            code: of the kind.
+            code: code of the kind.
             stream: whose readings it changes.
             field: position of the field that it changes; -1 for none.
-            parameters: of the compiled function of the kind.
+            parameters: parameters of the compiled function of the kind.
             memory: at the start.
             more: positions of further fields; their operations share the memory.
         """

@@ -120,7 +120,7 @@ def checked_command(port: Port, value: Mapping[str, object]) -> Items:
     """Return one entry for each field of an actuator's port: floats, a text, bytes or a buffer; None for a field that was left out.
 
     Args:
-        port: of the actuator.
+        port: port of the actuator.
         value: by field name: numbers, lists, texts, bytes, buffers, arrays, or maps that describe bytes and buffers (`unpacked`).
 
     Raises:

@@ -38,7 +38,7 @@ class TickOutput(Struct):
         ticks: number of ticks.
         made: delivered samples, as objects.
         batch: delivered samples before those, still as rows.
-        ports: of the samples, as they are after the last tick; None if not given.
+        ports: ports of the samples, as they are after the last tick; None if not given.
         jumps: how often the time had been set, as of the last tick.
     """
 

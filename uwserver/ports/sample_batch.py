@@ -18,7 +18,7 @@ class Origin(NamedTuple):
     """How to read the samples of one stream.
 
     Attributes:
-        path: of the port.
+        path: path of the port.
         width: number of numbers in a sample.
         unpack: makes the values of a sample.
         texts: possible sets of values that are not numbers; `SampleLog.entries` says which of them a sample has, if any.

@@ -30,7 +30,7 @@ class ShapeView(Struct, frozen=True):
         mesh: hash of its triangles, see `MeshView`.
         material: name.
         colour: red, green, blue, 0..1 (linear).
-        name: of the part; "" if it has none.
+        name: name of the part; "" if it has none.
     """
 
     kind: Literal["box", "sphere", "cylinder", "capsule", "plane", "mesh"]
@@ -65,7 +65,7 @@ class ModelFileView(Struct, frozen=True):
 
     Attributes:
         sha256: of the file; it is served under this name.
-        size: of the file, bytes.
+        size: size of the file, bytes.
         p, q: pose of the file's frame in B; in that frame x is forward, y right, z down after `up` is applied.
         up: axis of the file that points up.
         scale: length of one unit of the file, m.
@@ -94,11 +94,11 @@ class ActuatorView(Struct, frozen=True):
         name: in the vehicle file.
         kind: thruster, propeller, fin, ballast or moving_mass.
         p: place in B.
-        axis: of a thruster or propeller: direction of the force at a positive command; of a fin: hinge, right-handed; of a moving mass: direction
-            of its motion.
-        chord: of a fin: direction of its leading edge at angle zero.
-        span: of a fin.
-        diameter: of a propeller's disc.
+        axis: axis of a thruster or propeller: direction of the force at a positive command; of a fin: hinge, right-handed; of a moving mass:
+            direction of its motion.
+        chord: chord of a fin: direction of its leading edge at angle zero.
+        span: span of a fin.
+        diameter: diameter of a propeller's disc.
         handedness: right (clockwise seen along `axis` at a positive command), left, or none.
         low, high: thrust (N), angle (rad), shaft speed (rad/s), volume (m3) or position (m) at -127 and at 127. If they are not opposite, the
             number is 127 (value - middle) / (half the range); for a thruster 127 value / `high` or 127 value / -`low`.
@@ -203,7 +203,7 @@ class BodyView(Struct, frozen=True):
         model: name of the vehicle file, or "object".
         like: name of the table of the scenario that it is a copy of.
         shapes: in B. If the vehicle file has no collision shapes: those of its displaced volume, or a capsule of this volume.
-        lamps: of the vehicle.
+        lamps: lamps of the vehicle.
         external: whether it follows poses from outside (a log, another server, a robot at sea); it may be nowhere (`NOWHERE_M`).
         ghost: whether nothing touches it and no sensor sees it; viewers draw it translucent.
         colour: red, green, blue, 0..1 (linear), of a ghost and of the trail of an external body; None for the usual one.
@@ -255,8 +255,8 @@ class WaterView(Struct, frozen=True):
         current: uniform part at the time of the request, N, m/s.
         profiles: further currents by depth, each a row of (depth, velocity in N), constant above the first and below the last depth.
         jerlov: water type, I to 9C.
-        attenuation: of a light beam, red, green, blue, 1/m.
-        colour: of the veil (light scattered by the water), red, green, blue; the greatest is 1.
+        attenuation: attenuation of a light beam, red, green, blue, 1/m.
+        colour: colour of the veil (light scattered by the water), red, green, blue; the greatest is 1.
     """
 
     density: float
@@ -283,7 +283,7 @@ class SceneView(Struct, frozen=True):
     Attributes:
         schema: version of this format.
         revision: rises when bodies come or go.
-        scenario, title, epoch, rate_hz: of the world.
+        scenario, title, epoch, rate_hz: those of the world.
         origin: place of N on the Earth; None if the scenario has none.
         seabed: None for open water.
         vehicles, objects: in the order of `SceneState.poses`, vehicles first.

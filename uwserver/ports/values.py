@@ -37,7 +37,7 @@ class Field(Struct, frozen=True, gc=False):
         doc: one sentence.
         frame: frame of the components of a vector (N, B, S), or two frames of a rotation ("NB"); "" if none applies.
         shape: () for a scalar, (3,) for a vector.
-        type: of each component; values of "bytes" and "buffer" are a `Buffer` and have the shape ().
+        type: type of each component; values of "bytes" and "buffer" are a `Buffer` and have the shape ().
         minimum, maximum: limits of each component; a command outside them is refused.
         buffer: type and shape of a buffer.
         max_bytes: longest text (UTF-8), bytes or buffer in a command; absent for 64 KiB, or 1 MiB for a buffer.
@@ -128,7 +128,7 @@ class Port(Struct, frozen=True, gc=False):
         doc: one or two sentences.
         rate_hz: sample rate; None for actuators.
         timeout_s: time without a command after which an actuator goes to neutral; None for never.
-        propulsors: of a thruster actuator, in the order of its components; absent for other ports.
+        propulsors: propulsors of a thruster actuator, in the order of its components; absent for other ports.
         message: plain name of the standard message that the fields fit ("Imu", "Range"); absent if there is none.
     """
 
@@ -169,7 +169,7 @@ class Service(Struct, frozen=True, gc=False):
     Attributes:
         path: ``world/<name>`` or ``<vehicle>/<component>/<name>``.
         doc: one or two sentences.
-        arguments: of a call.
+        arguments: arguments of a call.
         reads_only: whether it is answered at once from the last published state; other services run at the start of the next tick.
         long_running: whether it may reply many ticks later, with progress reports, and can be cancelled.
     """

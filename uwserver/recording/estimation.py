@@ -75,7 +75,7 @@ def estimate(
     """Run the estimator on a recording.
 
     Args:
-        path: of the recording.
+        path: path of the recording.
         vehicle: a vehicle with a built-in autopilot.
         settings: changed keys of the scenario, of the autopilot and the sensors of the vehicle.
         more: kinds of the extensions of the scenario.
@@ -172,7 +172,7 @@ class _Estimation:
         """Take over the estimate at the begin of a recording that began during a run.
 
         Args:
-            path: of the recording.
+            path: path of the recording.
             world: the world as it was recorded.
             state: its state at the begin of the recording.
             vehicle: name of the vehicle.

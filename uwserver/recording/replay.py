@@ -108,7 +108,7 @@ def replay(
     """Replay a recording as fast as possible. It needs only the file of the recording, and no adapter.
 
     Args:
-        path: of the recording.
+        path: path of the recording.
         extensions: the Python files of its scenario, which are not in the recording; they are run.
         changes: changes of the world; before their time the run is the recorded one, bit for bit.
         to_s: simulation time at which the replay ends, s; None for the end of the recording.

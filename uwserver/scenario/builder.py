@@ -42,8 +42,8 @@ class ScenarioBuilder:
         """Begin a scenario.
 
         Args:
-            title: of the scenario.
-            seed: of all random streams.
+            title: title of the scenario.
+            seed: seed of all random streams.
             rate_hz: physics ticks per second.
             start: "held" keeps the vehicles where they start until something on board acts; see `Scenario`.
             adapters: configuration types by kind, as for `load`; default: those that are installed.

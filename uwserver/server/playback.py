@@ -41,7 +41,7 @@ class Playback:
         """Return the player, and the hub that shows it to adapters.
 
         Args:
-            name: of the server.
+            name: name of the server.
             resolved: the scenario, with the adapters that serve it.
             outlet: clock and queues of the server.
             tell: shutdown and status of the server.

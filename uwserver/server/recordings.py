@@ -64,7 +64,7 @@ class Recordings:
 
     Args:
         resolved: the scenario of the world; its `[server]` names the folder of the recordings, and their size altogether.
-        simulation: of the server.
+        simulation: simulation of the server.
         given: the recording that the command line has requested; None for none.
         foxglove: whether recordings have channels for Foxglove, Lichtblick and rerun, too.
     """

@@ -132,7 +132,7 @@ class StateFiles:
 
     Args:
         folder: where the files are; None for a server that has none.
-        simulation, mailbox: of the server.
+        simulation, mailbox: those of the server.
         call_soon: lets the loop call a function, from any thread.
     """
 

@@ -64,7 +64,7 @@ class Bus:
         subscriptions: the ports of which samples are made; None for all. Replaced on the loop, never changed. The simulation thread reads it
             before each tick, so that what was subscribed before a step was requested is made in that step.
         asked: how often readers have set their subscriptions, also without a change. Any thread may read it.
-        ports: of the newest delivered tick. The ports of the world may be newer, but samples always fit these ports. None before the first
+        ports: ports of the newest delivered tick. The ports of the world may be newer, but samples always fit these ports. None before the first
             tick. Loop thread.
         ahead: ticks that may wait for the loop if nothing paces them: as many as it delivers in `AHEAD_NS`, as measured.
     """

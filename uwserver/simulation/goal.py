@@ -40,7 +40,7 @@ class Goals:
         """Begin without goals.
 
         Args:
-            world, bus, time: of the simulation.
+            world, bus, time: those of the simulation.
             pause: called when a goal is reached after which the world stays paused.
         """
         self._world, self._bus, self._time, self._pause = world, bus, time, pause

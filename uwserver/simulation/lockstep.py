@@ -69,7 +69,7 @@ class Lockstep:
         """Begin without drivers.
 
         Args:
-            timing, time, bus: of the simulation.
+            timing, time, bus: those of the simulation.
             say: sends an event and its text.
             pause: stops time, for a reason.
         """

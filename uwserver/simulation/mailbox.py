@@ -241,7 +241,7 @@ class Steering(FairQueue[Steered]):
         Args:
             action: to be carried out.
             source: the client.
-            on_reply: of a request that a later pause withdraws.
+            on_reply: is told of a request that a later pause withdraws.
             always: as for `FairQueue.put`, whose `Refused` may be raised.
         """
         self.put(client_of(source), Steered(action, on_reply), always=always)

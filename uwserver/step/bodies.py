@@ -65,7 +65,7 @@ def _is_unyielding(table: Array, row: int) -> bool:
 
 @compiled
 def _keep(table: Array, count: int) -> bool:
-    """Keep the first `count` contacts for the tick, but those between two bodies that nothing can push. Returns False where there is no room."""
+    """Keep the first `count` contacts for the tick, except those between two bodies that nothing can push. Returns False where there is no room."""
     bodies, numbers, keys, coefficients = _bodies(table), _numbers(table), _keys(table), _coefficients(table)
     found, counts = carrying.found_at(_touching(table)), carrying.counts_at(_touching(table))
     n, fits = 0, True

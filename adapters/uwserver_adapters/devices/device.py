@@ -145,14 +145,14 @@ class DeviceInput:
 
     Args:
         role: key of the table, for errors.
-        path: of the port, with its vehicle.
+        path: path of the port, with its vehicle.
         ports: those of the context.
         fields: fields that the sensor must have.
         optional: fields that are read where the sensor has them.
 
     Attributes:
-        path: of the port.
-        rate_hz: of the port; 1 where it states none.
+        path: path of the port.
+        rate_hz: rate of the port; 1 where it states none.
 
     Raises:
         CannotServe: there is no such sensor, or it lacks a field.
@@ -189,7 +189,7 @@ def set_at_sensor(
     """Call the service `set` of a sensor.
 
     Args:
-        context: of the adapter.
+        context: context of the adapter.
         source: the sensor.
         settings: argument name -> value.
         done: gets the text of the fault, or "" once the sensor has taken the settings. May be called before this returns.

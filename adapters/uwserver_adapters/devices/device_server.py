@@ -234,15 +234,15 @@ class DeviceServer:
     """A device at its addresses, with its peers, and the counters that these share.
 
     Args:
-        name: of the device, for the log.
-        table: of the device.
+        name: name of the device, for the log.
+        table: table of the device.
         device: the device itself.
-        context: of the adapter.
+        context: context of the adapter.
         refusals: tells the log what was refused.
 
     Attributes:
         device, table: as given.
-        stats: of the adapter.
+        stats: stats of the adapter.
         addresses: "tcp", "udp" or "serial" -> address as a user would type it; filled by `open`.
     """
 

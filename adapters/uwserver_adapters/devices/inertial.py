@@ -76,7 +76,7 @@ class Readings(Struct, frozen=True):
         field_S: magnetic flux density, T.
         temperature: degC.
         q_NS: attitude, w x y z.
-        fix: of the satellite receiver.
+        fix: fix of the satellite receiver.
     """
 
     t_ns: int

@@ -108,7 +108,7 @@ class Ping(Struct, frozen=True):
         sound_speed: m/s.
         t_ns: simulation time at which the ping was sent.
         row_m: range of one row.
-        bearings: of the beams, in 0.01 degrees, positive to starboard.
+        bearings: bearings of the beams, in 0.01 degrees, positive to starboard.
         rpy_deg: roll, pitch and yaw of the device, degrees.
     """
 

@@ -95,8 +95,8 @@ class _Awaited(NamedTuple):
     """A fix of another beacon that a peer waits for.
 
     Attributes:
-        name: of the beacon; "" where there is none of this number, so that none will answer.
-        number: of the beacon.
+        name: name of the beacon; "" where there is none of this number, so that none will answer.
+        number: number of the beacon.
         request: kind of the request.
         query: bits of a NAV request; None for a PING.
         reply: sends to the peer.

@@ -150,7 +150,7 @@ class Found(Struct, frozen=True):
 
     Attributes:
         reach: range, m.
-        travel_time: of the sound there and back, s.
+        travel_time: travel time of the sound there and back, s.
         bearing, elevation: rad; the elevation is positive downwards, towards z.
         p_N: position relative to this beacon, m; known where the attitude is.
         depth: depth that the other beacon tells, m.
@@ -201,7 +201,7 @@ class Datagrams:
     Args:
         own: number of this beacon.
         modem: path of its modem, without ``/send`` and ``/received``.
-        context: of the adapter.
+        context: context of the adapter.
 
     Attributes:
         subscriptions: path of the port where the modem receives.

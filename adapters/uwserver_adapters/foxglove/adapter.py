@@ -53,7 +53,7 @@ class FoxgloveAdapter(AdapterBase[FoxgloveConfig]):
 
     Attributes:
         catalogue: what is offered.
-        playback: of a recording.
+        playback: playback of a recording.
         clients: all clients -> their connections.
         scene: time, ns, and bytes of the newest scene; None before the first.
     """

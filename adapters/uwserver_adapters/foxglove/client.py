@@ -29,11 +29,11 @@ class Server(Protocol):
     """The adapter, as its clients see it.
 
     Attributes:
-        config: of the adapter.
+        config: config of the adapter.
         context: the world.
         catalogue: what is offered.
         refusals: counts what is refused.
-        playback: of a recording.
+        playback: playback of a recording.
         scene: time, ns, and bytes of the newest scene; None before the first.
     """
 
@@ -53,7 +53,7 @@ class Client:
 
     Args:
         server: the adapter.
-        name: of the peer, for the world.
+        name: name of the peer, for the world.
         outbox: takes what is sent to it.
         origin: origin of a page that may only watch; None for a client that may command.
 

@@ -142,8 +142,8 @@ def server_info(
     """Return the first message of a server.
 
     Args:
-        name: of the server, for people.
-        capabilities: of the server.
+        name: name of the server, for people.
+        capabilities: capabilities of the server.
         session: id of the session.
         span_ns: begin and end of a recording, ns; None for a running world.
         metadata: further facts.

@@ -13,7 +13,7 @@ class Alog(LogFile):
     """A log file. Times are seconds since its start.
 
     Args:
-        path: of the file.
+        path: path of the file.
         now: MOOS time, s.
         context: whose `stats` tell of errors.
 

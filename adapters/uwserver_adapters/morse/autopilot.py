@@ -95,8 +95,8 @@ class Autopilot:
     """The two ports for the autopilot.
 
     Args:
-        table: of the autopilot.
-        config: of the adapter.
+        table: table of the autopilot.
+        config: config of the adapter.
         context: the world.
 
     Attributes:

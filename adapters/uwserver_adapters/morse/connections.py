@@ -26,7 +26,7 @@ class Requests(Connection):
         stage: what all clients share.
         config: limits.
         peers: clients.
-        name: of this one.
+        name: name of this client.
     """
 
     def __init__(self, stage: Stage, config: MorseConfig, peers: Peers[Any], name: str) -> None:
@@ -72,7 +72,7 @@ class Stream(Connection):
         component: the component.
         config: limits.
         peers: clients of all streams.
-        name: of this one.
+        name: name of this client.
     """
 
     def __init__(self, stage: Stage, component: Component, config: MorseConfig, peers: Peers[Any], name: str) -> None:

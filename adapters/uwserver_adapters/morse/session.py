@@ -23,7 +23,7 @@ class Session:
 
     Args:
         stage: what all clients share.
-        name: of this client.
+        name: name of this client.
         send: sends a line.
         most: most calls that may wait for the world.
 

@@ -59,7 +59,7 @@ class Server:
     """All devices, and the clients that have opened them. Devices of a new vehicle get new numbers, which may change when a vehicle is removed.
 
     Args:
-        config: of the adapter.
+        config: config of the adapter.
         context: the world.
         peers: all clients.
 
@@ -139,7 +139,7 @@ class Client(Connection):
 
     Args:
         server: the devices.
-        name: of the client, for the world.
+        name: name of the client, for the world.
 
     Attributes:
         opened_devices: addresses of the devices that it has opened.

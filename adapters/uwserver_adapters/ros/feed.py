@@ -135,7 +135,7 @@ class Feed:
 
     Args:
         context: the world.
-        refusals: of the adapter; counts messages that could not be made or encoded.
+        refusals: refusals of the adapter; counts messages that could not be made or encoded.
         types: message types of the distribution.
         facts: what the adapter's table says of frames; mounts are added here.
         deliver: gets the messages.
@@ -328,7 +328,7 @@ def command(
     """Send a command that a command topic made of a message, and note in `CommandTopic.held` what thrusters were told.
 
     Args:
-        conversation: of the peer.
+        conversation: conversation of the peer.
         command_topic: the topic.
         value: the command.
         answered: gets the world's answer.
@@ -362,7 +362,7 @@ def call(conversation: Conversation, offer: Offer, request: Any, answered: Answe
     """Carry out a service request.
 
     Args:
-        conversation: of the client.
+        conversation: conversation of the client.
         offer: the service.
         request: the request message.
         answered: called once, now or later. A fault of the world stands in the response, in the way of its type.

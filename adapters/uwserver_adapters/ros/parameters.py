@@ -20,7 +20,7 @@ class Parameters:
     """The parameters as one peer reads and changes them.
 
     Args:
-        conversation: of the peer.
+        conversation: conversation of the peer.
         settings: returns the parameters that exist now, by name.
     """
 

@@ -84,7 +84,7 @@ class Subscription:
 
     Args:
         uri: address of the publisher's API.
-        topic, type_name, md5, text: of the messages; the type in ROS 1's spelling.
+        topic, type_name, md5, text: those of the messages; the type in ROS 1's spelling.
         node: name of this node.
         allowed: hosts besides this machine to which it may connect.
         most_per_s: most messages that are taken in a second.
@@ -191,7 +191,7 @@ class Node:
 
     Args:
         context: the world.
-        config: of the adapter.
+        config: config of the adapter.
         refusals: counts what is refused.
 
     Attributes:

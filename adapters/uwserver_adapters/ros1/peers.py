@@ -67,7 +67,7 @@ class Peer(Connection):
     Args:
         node: the node.
         peers: all that are connected.
-        name: of this peer, for the world.
+        name: name of this peer, for the world.
 
     Attributes:
         caller: name of the peer's node.

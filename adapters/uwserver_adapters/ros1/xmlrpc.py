@@ -38,7 +38,7 @@ class BadHttp(Refused):
     """A request of HTTP that is refused.
 
     Attributes:
-        status: of the answer, such as ``403 Forbidden``.
+        status: status of the answer, such as ``403 Forbidden``.
     """
 
     def __init__(self, status: str, text: str) -> None:

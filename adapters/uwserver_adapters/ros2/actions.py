@@ -25,7 +25,7 @@ class _Goal:
     Attributes:
         info: action_msgs/GoalInfo.
         goal: the message.
-        status: of action_msgs/GoalStatus.
+        status: status of action_msgs/GoalStatus.
         result: the result message; None until the goal has ended.
         waiters: answer clients that wait for the result.
     """

@@ -74,7 +74,7 @@ def serve(host: Host, name: str, kind: str, act: Callable[[Any, Answer], None], 
 
     Args:
         host: the node.
-        name: of the service.
+        name: name of the service.
         kind: its type, ``package/srv/Name``.
         act: gets each request and what sends its response. May raise `BadMessage` before it responds.
         unread: fields of the response to a request that is wrong.

@@ -25,8 +25,8 @@ class Ros2Config(AdapterTable, tag="ros2", kw_only=True, frozen=True):
     ros_distro: distribution of the other nodes; it decides types and hashes.
     domain: ROS_DOMAIN_ID of the other nodes; default: that of the environment, or 0.
     node: name of the node.
-    mode: of the zenoh session: "router", which needs no rmw_zenohd; "peer" or "client" of an rmw_zenohd that runs.
-    listen, connect, config_file, config: of the session, as for `zenoh`.
+    mode: mode of the zenoh session: "router", which needs no rmw_zenohd; "peer" or "client" of an rmw_zenohd that runs.
+    listen, connect, config_file, config: those of the session, as for `zenoh`.
     services: offer the services of the world, its actions and parameters; default: over zenoh and a bridge. Over DDS only rmw_cyclonedds
         understands them.
     tf: source of the poses of vehicles on ``/tf``: the autopilot's "estimate", the "truth" (with truth = true), or "none".

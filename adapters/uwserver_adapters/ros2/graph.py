@@ -41,7 +41,7 @@ class Names(NamedTuple):
 
     Attributes:
         domain: ROS_DOMAIN_ID.
-        zid: of the session.
+        zid: zid of the session.
         node: name of the node.
     """
 

@@ -23,7 +23,7 @@ class Node:
 
     Args:
         context: the world.
-        config: of the adapter.
+        config: config of the adapter.
         refusals: counts what is refused.
         carrier: the transport, which is open.
         types: message types of the distribution.

@@ -60,7 +60,7 @@ def localhost(address: str) -> str:
     machine's own address, so both are needed.
 
     Args:
-        address: of this machine; "" for none.
+        address: address of this machine; "" for none.
     """
     places = ["127.0.0.1", *([address] if address else [])]
     interfaces = "".join(_INTERFACE.format(place) for place in reversed(places))
@@ -77,9 +77,9 @@ def endpoint_qos(type_hash: str, depth: int = 10, latched: bool = False, reliabl
 
     Args:
         type_hash: RIHS01 hash of the type; other texts are left out.
-        depth: of the history.
+        depth: depth of the history.
         latched: keep the last message for late subscribers.
-        reliable: of reliability.
+        reliable: True for reliable delivery, False for best effort.
         more: further user data.
     """
     waits = Policy.Reliability.Reliable(duration(milliseconds=BLOCKING_MS))
@@ -123,10 +123,10 @@ class DdsCarrier:
     """Implements `uwserver_adapters.ros2.carrier.Carrier`.
 
     Args:
-        config: of the adapter.
+        config: config of the adapter.
         types: message types of the distribution.
         sender: a thread for what may block.
-        stats: of the adapter.
+        stats: stats of the adapter.
 
     Attributes:
         sender: as given.

@@ -97,10 +97,10 @@ class ZenohCarrier:
 
     Args:
         session: the session, which is open.
-        config: of the adapter.
+        config: config of the adapter.
         types: message types of the distribution.
         sender: a thread for what may block.
-        stats, refusals: of the adapter.
+        stats, refusals: those of the adapter.
 
     Attributes:
         loop: that of the adapter.

@@ -26,7 +26,7 @@ class Goals:
 
     Args:
         hub: what all clients share.
-        conversation: of the client.
+        conversation: conversation of the client.
         send: sends a message to the client.
         answer: see there.
     """
@@ -188,7 +188,7 @@ class Offers:
         """Pass a goal to the client.
 
         Args:
-            name, args: of the goal.
+            name, args: those of the goal.
             wants_feedback: whether `feedback` is to be called meanwhile.
             feedback: gets the values of each feedback.
             end: is called once.

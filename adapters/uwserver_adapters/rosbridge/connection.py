@@ -32,7 +32,7 @@ class RosbridgeConnection(OutboxConnection):
         hub: what all clients share.
         token: the token that clients must show; None where none is needed.
         lockout: hosts that have shown wrong tokens.
-        peers: of the adapter.
+        peers: peers of the adapter.
         begin: makes the session.
     """
 

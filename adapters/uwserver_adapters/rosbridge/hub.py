@@ -50,7 +50,7 @@ class Hub:
 
     Args:
         context: the world.
-        config: of the adapter.
+        config: config of the adapter.
         refusals: counts what is refused.
 
     Attributes:

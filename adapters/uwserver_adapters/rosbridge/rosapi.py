@@ -60,7 +60,7 @@ class Rosapi:
         Args:
             short: name below ``/rosapi/``.
             parameters: those of the client.
-            args: of the call.
+            args: args of the call.
             answered: gets the answer.
 
         Raises:

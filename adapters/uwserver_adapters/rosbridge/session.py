@@ -56,7 +56,7 @@ class Session:
         serial: number of the client.
 
     Attributes:
-        name: of the client, as a node.
+        name: name of the client, as a node.
     """
 
     def __init__(self, hub: Hub, rosapi: Rosapi, outbox: Outgoing, wake: Callable[[], None], serial: int) -> None:
@@ -125,7 +125,7 @@ class Session:
 
         Args:
             level: one of `LEVELS`.
-            text: of the message.
+            text: text of the message.
             about: id of the client's message; None for none.
         """
         if LEVELS.index(level) > self._level:

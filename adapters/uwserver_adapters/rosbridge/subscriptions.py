@@ -118,9 +118,9 @@ class Subscription:
 
     Args:
         topic: its name.
-        outbox: of the client.
+        outbox: outbox of the client.
         flush: sends what waits in the outbox.
-        room: of the client.
+        room: room of the client.
 
     Attributes:
         options: those of each `subscribe`, by its id.

@@ -25,7 +25,7 @@ class Asked(NamedTuple):
     """What is kept of a request until it is answered.
 
     Attributes:
-        id: of the request; None where it has none.
+        id: id of the request; None where it has none.
         options: the form in which the answer is sent.
     """
 
@@ -45,7 +45,7 @@ def name_of(message: Map, key: str) -> str:
     """Return the topic, service or action that a message names.
 
     Args:
-        message: of the client.
+        message: message of the client.
         key: "topic", "service" or "action".
 
     Raises:
@@ -72,7 +72,7 @@ def offered_type(message: Map, kind: str) -> str:
     """Return the full name of the type of a service or action that a client offers.
 
     Args:
-        message: of the client.
+        message: message of the client.
         kind: "srv" or "action".
 
     Raises:

@@ -73,7 +73,7 @@ class DatagramOutbox:
 
     Args:
         send: sends a datagram; returns whether it went out.
-        encoding: of the client.
+        encoding: encoding of the client.
         stats: counts what is sent and dropped.
         refuse: gets a fault for the first sample that no datagram can carry.
     """
@@ -193,7 +193,7 @@ class DatagramEndpoint(asyncio.DatagramProtocol):
     """The UDP socket of the adapter.
 
     Attributes:
-        service, config, peers: of the adapter.
+        service, config, peers: those of the adapter.
     """
 
     def __init__(self, service: NativeService, config: SocketsConfig, peers: Peers[Peer]) -> None:

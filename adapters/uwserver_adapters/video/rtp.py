@@ -5,8 +5,6 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 
-CLOCK_HZ = 90_000
-"""Clock of the time stamps of video (RFC 6184, RFC 2435)."""
 LIMIT = 1200
 """Longest payload, bytes. With all headers a packet fits into 1280 bytes, which every network carries."""
 NTP_1970_S = 2_208_988_800
@@ -46,7 +44,7 @@ class Packets:
 
     def stamp(self, t_ns: int) -> int:
         """Return the time stamp of a simulation time."""
-        # 90 kHz is 9 stamps per 100 us. Integers keep it exact however long the simulation runs.
+        # The clock of video, 90 kHz (RFC 6184, RFC 2435), is 9 stamps per 100 us. Integers keep it exact however long the simulation runs.
         return (self._offset + t_ns * 9 // 100_000) & 0xFFFF_FFFF
 
     def of(self, payloads: Sequence[bytes], t_ns: int) -> list[bytes]:

@@ -129,9 +129,9 @@ class Link(asyncio.Protocol):
     Args:
         port: our port.
         name: name of the other port.
-        carrier: of the connection.
+        carrier: carrier of the connection.
         peers: all connections of the adapter.
-        stats: of the adapter.
+        stats: stats of the adapter.
         queue_bytes: most bytes that wait for the other side.
         lost: called when the connection has ended.
 

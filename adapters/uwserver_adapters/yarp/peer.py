@@ -47,8 +47,8 @@ class Peer(Connection):
         source: name of this peer, for the world.
 
     Attributes:
-        name: of the other port.
-        carrier: of the connection.
+        name: name of the other port.
+        carrier: carrier of the connection.
     """
 
     def __init__(self, network: Network, at: YarpPort, peers: Peers[Any], source: str) -> None:

@@ -20,8 +20,8 @@ class Writer(Protocol):
     """A connection by which another port sends to a port.
 
     Attributes:
-        name: of the other port.
-        carrier: of the connection.
+        name: name of the other port.
+        carrier: carrier of the connection.
     """
 
     name: str

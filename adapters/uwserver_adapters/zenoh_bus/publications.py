@@ -85,8 +85,8 @@ class Publications:
     Args:
         context: the world.
         session: the session, which is open.
-        keys: of this server.
-        codec: of samples and events.
+        keys: keys of this server.
+        codec: codec of samples and events.
         sender: a thread for what may block.
 
     Attributes:

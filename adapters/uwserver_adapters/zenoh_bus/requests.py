@@ -90,8 +90,8 @@ class Requests:
 
     Args:
         context: the world.
-        keys: of this server.
-        codecs: of both encodings.
+        keys: keys of this server.
+        codecs: codecs of both encodings.
         default: encoding of answers to requests without a payload.
         call_timeout_s: wall time after which a long-running call of an unnamed caller is cancelled, s.
         tell: publishes a message under a key.

@@ -26,7 +26,7 @@ class ZenohConfig(AdapterTable, tag="zenoh", kw_only=True, frozen=True):
     connect: endpoints of routers or peers, which are tried again for ever. Default: none; for a client without `scouting`
         "tcp/127.0.0.1:7447".
     scouting: find each other by multicast, which reaches the whole local network; default: off (or as `config_file` says).
-    encoding: of samples, events, and answers to requests without a payload.
+    encoding: encoding of samples, events, and answers to requests without a payload.
     server: name of this server in the keys; default: the server's own. No other server in the network may have it.
     prefix: first levels of all keys.
     call_timeout_s: wall time after which a long-running call of an unnamed caller is cancelled, s: zenoh does not say when a caller goes.

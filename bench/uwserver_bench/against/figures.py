@@ -29,7 +29,7 @@ class Figure:
     Attributes:
         group: part of the report.
         name: what was measured.
-        unit: of the values.
+        unit: unit of the values.
         ours, theirs: one value for each pair, in their order; empty if the figure could not be measured.
         bar: largest allowed median, for latencies and for the import. All other figures are judged by their ratios.
         note: why it could not be measured.

@@ -86,7 +86,7 @@ class Running:
 
     Attributes:
         control: connection for control requests.
-        addresses: of its adapters, by name.
+        addresses: addresses of its adapters, by name.
         start_s, start_cpu_s: wall time and processor time from its creation to the first sample at a client.
         memory_mb: resident memory then.
     """

@@ -79,7 +79,7 @@ class Ticks:
 
     Attributes:
         vehicles: vehicles that get thruster commands; none if autopilots steer.
-        calls: of services, after loading.
+        calls: calls of services, after loading.
         reset: whether it begins at the start in each turn, so that no vehicle goes far.
     """
 

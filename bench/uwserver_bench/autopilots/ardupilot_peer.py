@@ -93,7 +93,7 @@ class ArduPilotPeer:
     """An autopilot without control loops. It sends frames, and follows the time of the answers as a real one does.
 
     Attributes:
-        number: of the next frame.
+        number: number of the next frame.
         rate_hz: physics rate that its frames ask for.
         time_s: its own clock.
         skipped: number of answers that did not advance its clock.

@@ -156,7 +156,7 @@ class MavlinkPeer:
     """One ground station on UDP.
 
     Args:
-        port: of the server, on loopback.
+        port: port of the server, on loopback.
         system: its system number.
     """
 

@@ -109,7 +109,7 @@ class Decoding:
 
     Attributes:
         wire: the adapter that reads it.
-        name: of the attack.
+        name: name of the attack.
         calls: makes the calls of the adapter, one after the other. Each call is measured by itself. A call that returns None is the last.
     """
 

@@ -63,7 +63,7 @@ class Flood:
     """Connections that send the same bytes repeatedly, as fast as the server takes them. A closed connection is opened again.
 
     Attributes:
-        name: of the row.
+        name: name of the row.
         address: name of the address in the list of the server: that of the adapter, or "udp".
         data: bytes that are sent repeatedly.
         first: bytes that each connection sends once; `HELLO` for a session by UDP.

@@ -80,7 +80,7 @@ def tracing(mode: str = "realtime", router: str = "", megabyte: bool = False) ->
     """Run a server on free loopback ports, with sockets and (if installed) zenoh, while the context is open.
 
     Args:
-        mode: of its clock.
+        mode: mode of its clock.
         router: endpoint of a zenoh router to which it connects; without one it listens as a peer.
         megabyte: whether it has a sensor with samples of a megabyte at 10 Hz.
 

@@ -134,7 +134,7 @@ class SocketPeer:
 
     Args:
         connected: the socket.
-        framing: of its messages.
+        framing: framing of its messages.
     """
 
     def __init__(self, connected: socket.socket, framing: Framing) -> None:

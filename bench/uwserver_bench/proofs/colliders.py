@@ -18,7 +18,7 @@ class Floor:
 
     Attributes:
         points: points of each body row, in B, m.
-        normal: of the plane in N, towards the water.
+        normal: normal of the plane in N, towards the water.
         origin: a point of the plane.
         margin: contacts farther apart than this are left out, m.
     """

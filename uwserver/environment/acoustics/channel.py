@@ -28,7 +28,7 @@ class Path(NamedTuple):
     """A ray from a to b.
 
     Attributes:
-        time: of travel, s.
+        time: time of travel, s.
         dip_a, dip_b: angle of the ray below the horizontal at its ends, in the direction of travel, rad.
         spreading: loss by the widening of the ray tube, relative to 1 m from the source, dB.
         absorption: loss by absorption in the water, dB.
@@ -88,7 +88,7 @@ class Channel:
 
         Args:
             depth, speed: (n >= 2) m, ascending from 0, and m/s; linear between the depths, and constant below.
-            frequency: of the sound, Hz.
+            frequency: frequency of the sound, Hz.
             absorption: (n) dB/m; default: none.
         """
         self._depth, self._speed = np.array(depth, float), np.array(speed, float)
@@ -165,8 +165,8 @@ def channel_of(column: WaterColumn, frequency: float, tolerance: float = TOLERAN
     """Return the channel of a water column, in as few layers as the tolerance allows.
 
     Args:
-        column: of the water.
-        frequency: of the sound, Hz.
+        column: column of the water.
+        frequency: frequency of the sound, Hz.
         tolerance: largest error of the sound speed, m/s. With 0 all layers are kept, and no compiled code is needed.
     """
     kept = (

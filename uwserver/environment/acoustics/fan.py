@@ -257,7 +257,7 @@ def ways(m: Medium, fan: Fan, nodes: Nodes, rays: Angles, begin: int, end: int, 
     passed to a function takes as long as a layer.
 
     Args:
-        m, fan, nodes: of the sea.
+        m, fan, nodes: those of the sea.
         rays: that bound the intervals.
         begin, end: range of intervals.
         order: most reflections.
@@ -306,10 +306,10 @@ def delays_of(
     """Return travel time less distance times slowness (s) of a ray of the fan on A, D and B.
 
     Args:
-        z, c, k, g, upper, lower: of the medium. Its arrays are separate arguments, as passing a tuple of them takes longer than this function.
+        z, c, k, g, upper, lower: those of the medium. Its arrays are separate arguments, as passing a tuple of them takes longer than this function.
         table, row: delays of the fan, and the number of the ray in it.
-        own, after, before: of the nodes.
-        turning: of the ray, m/s.
+        own, after, before: those of the nodes.
+        turning: turning of the ray, m/s.
         above, below: nodes before which the ray turns; -1 if it does not turn.
     """
     up, middle, down = 0.0, 0.0, 0.0

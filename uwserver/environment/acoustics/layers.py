@@ -131,7 +131,7 @@ class Leg(NamedTuple):
 
     Attributes:
         x: horizontal distance, m.
-        time: of travel, s.
+        time: time of travel, s.
         tube: x / p, which is finite for a vertical ray too, m2/s.
         loss: absorption, dB.
         turned: whether the ray turned.

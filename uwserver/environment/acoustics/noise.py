@@ -12,7 +12,7 @@ def ambient_db(frequency_hz: float, wind_mps: float, shipping: float = 0.5) -> f
     (2007) 34).
 
     Args:
-        frequency_hz: of the sound.
+        frequency_hz: frequency of the sound.
         wind_mps: speed of the wind.
         shipping: activity of distant ships, 0 to 1.
     """

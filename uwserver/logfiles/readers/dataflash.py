@@ -102,7 +102,7 @@ class _Scan:
 
     Attributes:
         layouts: by type number.
-        types, places: of each record that has a layout.
+        types, places: those of each record that has a layout.
         stamps: ns since boot of each of them: its own time, or that of the last record before it with a time; -1 before the first.
         lost: number of bytes that belong to no record.
         unusable: names of types whose layout cannot be read.

@@ -76,8 +76,8 @@ class Finding(NamedTuple):
 
     Attributes:
         find_pairs, find_lines, find_contacts: addresses of the code of the stages (`kernel.calling`) in `broad_phase`, `directions`, `narrow_phase`.
-        table: of the shapes.
-        margin: of the search, m.
+        table: table of the shapes.
+        margin: margin of the search, m.
         pairs, line_first, lines, overlapping: results of the first two stages.
         bodies, numbers, keys, coefficients: results of the last stage.
         led: rows of bodies that do not yield; they have no contacts with static solids or with each other.

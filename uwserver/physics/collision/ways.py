@@ -25,7 +25,7 @@ class WaysOut:
         engine: a name of `engine.ENGINES`, or "auto" for the first of them that is installed.
 
     Attributes:
-        name: of the engine.
+        name: name of the engine.
 
     Raises:
         ImportError: it is not installed.

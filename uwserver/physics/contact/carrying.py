@@ -113,7 +113,7 @@ def carry(codes: Codes, world: Array, touching: Array, contact_nu_dot: Array, t:
     """Move all bodies from t to t + dt, in place.
 
     Args:
-        codes: of the world.
+        codes: codes of the world.
         world: table of its rows (`layout.WORLD`).
         touching: table of its contacts (`touching.FORMS`): those that were found for this tick become those of the last one, with their
             impulses.

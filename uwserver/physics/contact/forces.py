@@ -29,7 +29,7 @@ class Struck(NamedTuple):
     Attributes:
         bodies: (m) rows of the bodies near a contact.
         M_inv: (m, 6, 6).
-        constraints: of the contacts.
+        constraints: constraints of the contacts.
         drift: (k, 3) displacement of each contact in N within the tick, m.
         hit: (k, 3) impulse at the start of the tick along the axes, N s.
         hold: (k, 3) impulse of the force over the tick, likewise.
@@ -54,9 +54,9 @@ def apply_forces(
     """Add impulses to the BODY rows as forces over the tick.
 
     Args:
-        rows: of all bodies.
+        rows: rows of all bodies.
         bodies: (m) rows of those that the constraints name.
-        constraints: of k contacts.
+        constraints: constraints of k contacts.
         point: (k, 3) at the start of the tick, in N, m.
         drift, hold: as in `Struck`.
         t, dt: start and length of the tick, s.
@@ -104,7 +104,7 @@ def set_drift(
     A contact that did not exist in the tick before moves as the mean of the bodies' origins, which is right for round bodies.
 
     Args:
-        contacts: of the start of the tick.
+        contacts: contacts of the start of the tick.
         constraints: their slots name the bodies.
         start: (m, 13) states at the start, after the hits.
         old_key, old_point: (j), (j, 3) of the contacts of the tick before.

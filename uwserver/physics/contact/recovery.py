@@ -21,7 +21,7 @@ def recover(constraints: Constraints, M_inv: Array, gap: Array, dt: float, now: 
     """Displace bodies out of each other, by a part of the penetration in each tick.
 
     Args:
-        constraints: of k contacts of m bodies, at the poses in `now`.
+        constraints: constraints of k contacts of m bodies, at the poses in `now`.
         M_inv: (m, 6, 6).
         gap: (k) at the start of the tick, m.
         dt: s.

@@ -225,7 +225,7 @@ def solve_island(
     """Solve the contacts of one island by projected Gauss-Seidel.
 
     Args:
-        constraints: of all contacts.
+        constraints: constraints of all contacts.
         island: number of the island.
         bias: (k, 3) w without any change of velocity, plus what the open gap allows along the normal.
         friction: (k) coefficients.

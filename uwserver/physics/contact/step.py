@@ -84,7 +84,7 @@ def strike(
     """Do stage 1 in a world without appendages: the states receive the velocities after the hits, the BODY rows the forces that hold.
 
     Args:
-        table: of the world, as for `integrator.advance`.
+        table: table of the world, as for `integrator.advance`.
         contacts: `contacts.Contacts`.
         old_key, old_point, old_hold: (j), (j, 3), (j, 3, in N) of the tick before; its holding impulses are the first guess for this tick.
         t, dt: start and length of the tick, s.
@@ -297,7 +297,7 @@ def finish_contacts(
     """Do stage 3, after the real step: the rest of the impulses, and the recovery of penetration.
 
     Args:
-        table: of the world; the contact forces in its BODY rows are cleared, and its states become those at the end of the tick.
+        table: table of the world; the contact forces in its BODY rows are cleared, and its states become those at the end of the tick.
         impulse_N: (k, 3) out, impulse on body a in N, N s.
         hold_N: (k, 3) out, the part of it that was no hit.
         contact_nu_dot: (n, 6) out, mean acceleration in B by contacts in the tick; zeros for bodies without contacts.

@@ -84,8 +84,8 @@ def propeller_force(propeller: Any, speed: float, advance: float) -> tuple[float
 
     Args:
         propeller: PROPELLER record.
-        speed: of the shaft, rad/s; positive drives along the axis.
-        advance: of the vehicle through the water along the axis, m/s.
+        speed: speed of the shaft, rad/s; positive drives along the axis.
+        advance: advance of the vehicle through the water along the axis, m/s.
     """
     va = propeller.wake * advance
     if propeller.harmonics > 0:

@@ -266,7 +266,7 @@ def appendage_rates(appendages: Appendages, root: FloatArray) -> tuple[float, Fl
     """Return the bounds of the damping rate that appendages add, as `params.damping_rates` does.
 
     Args:
-        appendages: of the body.
+        appendages: appendages of the body.
         root: (6, 6) inverse square root of M.
     """
     rate_L, rate_Q, rate_S = 0.0, np.zeros(6), 0.0

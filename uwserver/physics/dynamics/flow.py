@@ -153,7 +153,7 @@ def fill_flows(table: Array, sea: Any, t: float, ahead: float) -> None:
     With the values at the middle of a tick, water that is linear in place and time within the tick is right to second order.
 
     Args:
-        table: of the world's rows (`handles`); its flows (n, FLOW_SIZE) and the water in strips are filled.
+        table: table of the world's rows (`handles`); its flows (n, FLOW_SIZE) and the water in strips are filled.
         sea: `SeaRows`.
         t, ahead: s.
     """

@@ -139,7 +139,7 @@ def immersion(body: Any, shapes: Array, depth: float, center: Array, scratch: Ar
     Args:
         body: a BODY record.
         shapes: all SHAPE records.
-        depth: of the body origin below the plane of the surface, m.
+        depth: depth of the body origin below the plane of the surface, m.
         center: (3) out, m in B.
         scratch: (2, 3) the surface's unit normal in B (`upward`), and work space.
     """

@@ -62,7 +62,7 @@ def advance(table: Array, t: float, dt: float) -> int:
     """Move all bodies of a world without appendages from t to t + dt, in place.
 
     Args:
-        table: of the world's rows, states (n, 13) p_NB, q_NB, nu, and flows (`handles`); the water near each body is linear in place and
+        table: table of the world's rows, states (n, 13) p_NB, q_NB, nu, and flows (`handles`); the water near each body is linear in place and
             time within the tick.
         t, dt: start and length of the tick, s.
 

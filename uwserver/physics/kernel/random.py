@@ -52,7 +52,7 @@ def uniforms(key: int, number: int, purpose: int, lane: int) -> tuple[float, flo
 
     Args:
         key: unsigned, of `key_of`.
-        number: of the reading, from 0 on.
+        number: number of the reading, from 0 on.
         purpose: `SAMPLE`, `TURN_ON` or `EVENT`.
         lane: which of the pairs of this purpose, less than `LANES`.
     """

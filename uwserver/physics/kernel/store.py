@@ -116,7 +116,7 @@ def read(folder: Path, name: str, packaged: bool = False) -> bytes | None:
 
     Args:
         folder: one without a `fault_of`.
-        name: of the file.
+        name: name of the file.
         packaged: whether the folder is part of the installed package; its files are then as trustworthy as the code beside them.
     """
     try:

@@ -57,7 +57,7 @@ class RayTargets(NamedTuple):
 
     Attributes:
         code: address of that code (`kernel.calling`).
-        table: of everything solid.
+        table: table of everything solid.
         rows: the arrays of the table.
     """
 

@@ -17,7 +17,7 @@ class Ground(NamedTuple):
 
     Attributes:
         lambert: Lambert's parameter by number of the material, linear.
-        surface: of the sea surface.
+        surface: that of the sea surface.
     """
 
     lambert: Array
@@ -30,7 +30,7 @@ def returned(direction: Array, normal: Array, body: int, material: int, ground: 
 
     Args:
         direction, normal: (3) of the ray, and of the surface that it hits.
-        body, material: of the surface; a ray without a hit returns 0.
+        body, material: those of the surface; a ray without a hit returns 0.
         ground: how strongly materials scatter.
     """
     sine = normal[0] * direction[0] + normal[1] * direction[1] + normal[2] * direction[2]

@@ -311,7 +311,7 @@ def select_rays(table: Array, origin: Array, direction: Array, limit: float, x: 
 
     Args:
         table: made by `BATCH`; receives the rays.
-        origin, direction, limit: of the rays, in N.
+        origin, direction, limit: those of the rays, in N.
         x: (13) state that places the frame.
         distance: (n) of their present hits.
 

@@ -168,9 +168,9 @@ def nearest_of(tree: Tree, o: Array, d: Array, limit: float, todo: Array, entry_
     """Return the number of the triangle that a ray meets first.
 
     Args:
-        tree: of all.
+        tree: tree of all triangles.
         o, d: (3) where the ray starts, and its direction.
-        limit: m; farther triangles are not ray_targets.
+        limit: m; farther triangles are not looked for.
         todo, entry_at: (`DEEPEST`) work space: boxes that wait, and where the ray enters them.
 
     Returns:
@@ -213,9 +213,9 @@ def pick_nearest(
     """Find the triangle that each ray meets first.
 
     Args:
-        corners, sided, boxes, first, order: of a `Tree`.
+        corners, sided, boxes, first, order: those of a `Tree`.
         origin, direction: (n, 3) of the rays.
-        limit: (n) m; farther triangles are not ray_targets.
+        limit: (n) m; farther triangles are not looked for.
         picked: (n) receives their numbers, -1 for none.
     """
     tree = Tree(corners, sided, boxes, first, order)

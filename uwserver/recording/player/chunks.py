@@ -100,7 +100,7 @@ class Chunks:
         """Open a file.
 
         Args:
-            path: of the file.
+            path: path of the file.
             names: maps the first levels of topics to the names that they get here.
 
         Raises:
@@ -312,8 +312,8 @@ class PartChunks:
     """An open recording: like `Chunks`, with all its parts. A later part that is opened by its own name is opened alone.
 
     Attributes:
-        path, metadata: of the first part.
-        chunks: of all parts, in their order.
+        path, metadata: those of the first part.
+        chunks: chunks of all parts, in their order.
         channels: by number.
     """
 

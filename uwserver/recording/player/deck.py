@@ -59,7 +59,7 @@ class Deck:
         track: the recording.
         timing: speed ("freerun" for as fast as possible), and whether it begins paused.
         span: the range that is played.
-        time, bus, mailbox: of the server.
+        time, bus, mailbox: those of the server.
 
     Attributes:
         world, lateness, pace, lockstep, readers, paused, failure, until_tick: as in `uwserver.simulation.thread.Simulation`.

@@ -72,8 +72,8 @@ def import_log(path: Path, mapping_path: Path | None, target: Path) -> tuple[str
     """Write a log of another origin as a recording.
 
     Args:
-        path: of the log.
-        mapping_path: of a mapping; None for the mapping that the rules find.
+        path: path of the log.
+        mapping_path: path of a mapping; None for the mapping that the rules find.
         target: a file that does not exist yet.
 
     Returns:

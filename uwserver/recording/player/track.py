@@ -53,7 +53,7 @@ class Track:
         """Open a recording.
 
         Args:
-            path: of the recording.
+            path: path of the recording.
             names: maps names of bodies to the names that they get here.
 
         Raises:

@@ -73,7 +73,7 @@ class Panel:
     Attributes:
         vehicle: name of the vehicle.
         group: heading of the group.
-        title, unit: of the vertical axis.
+        title, unit: those of the vertical axis.
         tables: the lines.
         is_down: the axis points down, as for depths.
         band: the last table contains an upper and a lower line, and the area between them is filled.

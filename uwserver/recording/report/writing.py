@@ -42,7 +42,7 @@ def report_of(path: Path, vehicles: Collection[str] = ()) -> Contents:
     """Read a recording and return the contents of its report.
 
     Args:
-        path: of the recording.
+        path: path of the recording.
         vehicles: the vehicles in the report; all if empty.
 
     Raises:

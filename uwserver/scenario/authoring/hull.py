@@ -67,7 +67,7 @@ def mesh_hull(path: Path, scale: float, up: Literal["y", "z"] | None) -> MeshHul
     """Return the model of a mesh file.
 
     Args:
-        path: of a file that `read_mesh` reads, with x ahead.
+        path: path of a file that `read_mesh` reads, with x ahead.
         scale: length of one unit of the file, m.
         up: axis of the file that points up; None: y for glTF, z for others.
 

@@ -86,7 +86,7 @@ class Converted(NamedTuple):
     """A converted scenario.
 
     Attributes:
-        text: of the scenario file.
+        text: text of the scenario file.
         remarks: on what was not converted or is different here, each with its line.
     """
 
@@ -117,7 +117,7 @@ def scenario_from(script: str, title: str, vehicle: str) -> Converted:
 
     Args:
         script: its text.
-        title: of the scenario.
+        title: title of the scenario.
         vehicle: model for every robot, as robots of MORSE have no hydrodynamics.
 
     Raises:

@@ -120,9 +120,9 @@ def vehicle_starter(
     """Return the TOML text of a vehicle file.
 
     Args:
-        name: of the new vehicle.
+        name: name of the new vehicle.
         base: name of the vehicle that it is copied from.
-        text: of that vehicle's file.
+        text: text of that vehicle's file.
         hull: replaces the hull of that vehicle.
         mesh: file of the hull, relative to the new file.
         mass_kg: from a data sheet or scales; None: that of neutral buoyancy in sea water.

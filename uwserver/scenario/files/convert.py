@@ -35,7 +35,7 @@ class Node(NamedTuple):
 
     Attributes:
         value: typed; None (a hole) if it or anything below it has an error.
-        parts: of a table: all values that the file gives, holes too, and defaults that are tables.
+        parts: parts of a table: all values that the file gives, holes too, and defaults that are tables.
     """
 
     value: Any

@@ -34,9 +34,9 @@ class _Body(NamedTuple):
     """One body at the start.
 
     Attributes:
-        path: of its table.
+        path: path of its table.
         position: in N, m.
-        radius: of a ball of the same volume, m.
+        radius: radius of a ball of the same volume, m.
         belongs_above: whether a start above the water is plausible: for a surface vessel, or an object that is dropped.
     """
 

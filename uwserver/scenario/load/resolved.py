@@ -25,14 +25,14 @@ class ResolvedVehicle:
     """One vehicle of the scenario.
 
     Attributes:
-        name: of the vehicle.
+        name: name of the vehicle.
         entry: its table in the scenario.
         vehicle: the vehicle file with `override` and the entry's sensors merged in, without disabled components.
         devices: device of each thruster, by the thruster's name.
         solid: collision shapes in B; None for a ghost and if there are no shapes.
         looks: a checked .glb file; b"" without one.
         ghost: collision shapes of a ghost, which viewers draw.
-        track: of an external vehicle that follows a log, in simulation time.
+        track: track of an external vehicle that follows a log, in simulation time.
         off: names of its disabled sensors.
     """
 
@@ -76,7 +76,7 @@ class Resolved:
         name: stem of the file name; the title if it was built in Python.
         scenario: the typed file.
         vehicles: in the order of the file.
-        path: of the file; None if it was built in Python.
+        path: path of the file; None if it was built in Python.
         warnings: problems that do not stop the scenario.
         static: seabed and structures, in N, by name.
         objects: free objects, in the order of the file.

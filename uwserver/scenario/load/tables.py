@@ -21,7 +21,7 @@ class Server(Table, kw_only=True, frozen=True):
     """Settings of the server.
 
     Attributes:
-        name: of the server, which it tells its clients.
+        name: name of the server, which it tells its clients.
         metrics_bind, metrics_port: address of ``/health`` and ``/metrics`` (HTTP); port 0 takes a free one.
         metrics: whether to serve them.
         allowed_hosts: host names that requests for them may use, in addition to addresses and localhost; "*" for any. This keeps a web page

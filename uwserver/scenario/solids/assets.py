@@ -46,7 +46,7 @@ def read_mesh(path: Path, up: Literal["y", "z"] | None, scale: float, warn: Warn
     """Return the triangles of a file, in tiles of a size that the engines take.
 
     Args:
-        path: of the file.
+        path: path of the file.
         up: axis of the file that points up; None: y for glTF, z for others.
         scale: length of one unit of the file, m.
         warn: called with texts about what was repaired or is doubtful.

@@ -54,8 +54,8 @@ def read_grid(table: GridSeabed, path: Path, origin: tuple[float, float] | None)
     """Read the grid that a table names.
 
     Args:
-        table: of the scenario.
-        path: of its file.
+        table: table of the scenario.
+        path: path of its file.
         origin: latitude and longitude (deg) of N's origin, if the scenario has them.
 
     Raises:
@@ -289,7 +289,7 @@ class Array:
     """A two-dimensional array of numbers in a file.
 
     Attributes:
-        name: of the file.
+        name: name of the file.
         shape: rows and columns.
         dtype: type of a number.
         by_columns: whether columns are contiguous, not rows.

@@ -24,7 +24,7 @@ def check_memory(name: str, triangles: int) -> None:
     """Check that triangles fit into the free memory.
 
     Args:
-        name: of the file, or of what is loaded.
+        name: name of the file, or of what is loaded.
         triangles: number that is to be loaded.
 
     Raises:

@@ -43,7 +43,7 @@ class _Form(NamedTuple):
 
     Attributes:
         volume: m3.
-        edges: of the box around it, m.
+        edges: edges of the box around it, m.
         inertia: about its centre, over its mass, m2.
         added: added mass over the density of the water.
         drag: drag coefficient times area; for turning: of strips, times length^3.

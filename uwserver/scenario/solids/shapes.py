@@ -50,7 +50,7 @@ def seabed_solid(table: Seabed, folder: Path, origin: tuple[float, float] | None
     """Return the seabed, in N.
 
     Args:
-        table: of the scenario.
+        table: table of the scenario.
         folder: where relative file names start.
         origin: latitude and longitude (deg) of N's origin, if the scenario has them.
         materials: the material is added to them.

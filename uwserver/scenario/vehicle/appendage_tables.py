@@ -60,7 +60,7 @@ class Fin(Foil, kw_only=True, frozen=True):
     Attributes:
         limit_deg: largest angle to either side.
         rate_degps: largest rate of the angle; default: no limit.
-        time_constant_s: of its first-order lag.
+        time_constant_s: time constant of its first-order lag.
         derivatives: published coefficients of further forces, in SI, in addition to the foil or instead of it. A name is an axis, two velocities,
             and d or dd for the angle, such as ``Yuud = 9.5`` for Y = 9.5 u u delta; at `reference_density_kgpm3`.
     """
@@ -95,7 +95,7 @@ class ShaftPropeller(Sourced, kw_only=True, frozen=True):
         inflow: speed of the inflow: that along the axis, or, with `curve`, the whole speed in whatever direction.
         max_speed_radps: largest shaft speed, ahead and astern.
         rate_radps2: largest rate of the shaft speed; default: no limit.
-        time_constant_s: of its first-order lag.
+        time_constant_s: time constant of its first-order lag.
     """
 
     position_frd_m: Vector3
@@ -157,7 +157,7 @@ class CrossFlow(Sourced, kw_only=True, frozen=True):
 
     Attributes:
         length_m, center_m: total length of the strips, and x of their middle.
-        height_m, width_m: of a strip, as seen by sway and by heave.
+        height_m, width_m: those of a strip, as seen by sway and by heave.
         sway_drag, heave_drag: two-dimensional drag coefficients.
         joint: drag from the resultant of both cross flows (Healey and Lienard 1993) instead of from each alone.
     """

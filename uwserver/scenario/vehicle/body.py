@@ -130,7 +130,7 @@ def own_rows(hydro: Hydrodynamics, vehicle: VehicleFile, row: int) -> dict[str, 
     Args:
         hydro: arrays of the world.
         vehicle: a checked vehicle.
-        row: of its body, which has been added already.
+        row: row of its body, which has been added already.
     """
     first, wrench, first_servo = (int(hydro.bodies[f"{kind}_first"][row]) for kind in ("thruster", "wrench", "servo"))
     thrusters = {thruster: first + k for k, thruster in enumerate(vehicle.thrusters)}

@@ -41,7 +41,7 @@ def check_vehicle(
 
     Args:
         vehicle: the merged vehicle file, as a `VehicleFile`.
-        world, environment: of the scenario; None where they have errors.
+        world, environment: those of the scenario; None where they have errors.
         report, warn: called for errors and warnings.
     """
     if _check_forms(vehicle, report):
@@ -261,8 +261,8 @@ def check_autopilot(
     Args:
         config: the table in the scenario.
         vehicle: the merged vehicle file, as a `VehicleFile`.
-        path: of the table.
-        world: of the scenario; None if it has errors.
+        path: path of the table.
+        world: world of the scenario; None if it has errors.
         report: called for errors.
     """
     for key in ("rate_hz", "state_rate_hz"):

@@ -36,8 +36,8 @@ def check_sensor(vehicle: Node, name: str, sensor: SensorConfig, world: WorldTab
 
     Args:
         vehicle: the merged vehicle file, as a `VehicleFile`.
-        name, sensor: of the vehicle.
-        world: of the scenario; None if it has errors.
+        name, sensor: those of the vehicle.
+        world: world of the scenario; None if it has errors.
         report: called for errors.
     """
     path: KeyPath = ("sensors", name)

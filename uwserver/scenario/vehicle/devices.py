@@ -29,7 +29,7 @@ class SensorDevice(Table, kw_only=True, frozen=True):
     """A device file of a sensor.
 
     Attributes:
-        kind: of the sensor.
+        kind: kind of the sensor.
         title: maker and product.
         properties: groups of keys of the sensor's table; each group has `source` and `status` for its values.
     """

@@ -130,9 +130,9 @@ def places(name: str, first: Vector3, copies: Copies | UnsetType) -> Iterator[tu
     """Yield name and position in N of each vehicle of a table; the table itself is the only one if it has no copies.
 
     Args:
-        name: of the table.
+        name: name of the table.
         first: `position_ned_m` of the table, m.
-        copies: of the table.
+        copies: `copies` of the table.
     """
     if isinstance(copies, UnsetType):
         yield name, first
@@ -183,7 +183,7 @@ class MergedFile:
 
     Attributes:
         scenario, file: the scenario file and the vehicle file.
-        name: of the vehicle in the scenario.
+        name: name of the vehicle in the scenario.
         raw: the merged tables.
     """
 
@@ -241,7 +241,7 @@ def check_external(name: str, scenario: Node, report: Report) -> None:
     """Check that the keys of a vehicle's table fit its kind.
 
     Args:
-        name: of the table.
+        name: name of the table.
         scenario: the scenario file.
         report: called for errors.
     """

@@ -87,7 +87,7 @@ class NearBoundary(Sourced, kw_only=True, frozen=True):
     Attributes:
         form: what the hull is approximated by: a cylinder along x, which changes all axes but surge and roll, or a sphere, which changes surge,
             sway and heave.
-        radius_m: of that form; its depth and height are those of `center_frd_m` of the buoyancy.
+        radius_m: radius of that form; its depth and height are those of `center_frd_m` of the buoyancy.
     """
 
     form: Literal["cylinder", "sphere"]
@@ -285,7 +285,7 @@ class Propeller(Sourced, kw_only=True, frozen=True):
     """Propeller of a thruster.
 
     Attributes:
-        diameter_m: of the disc.
+        diameter_m: diameter of the disc.
         torque_per_force_m: reaction torque per newton of thrust.
         inflow_sqrtN_spm: k in T = T0 - k sqrt(|T0|) V_a. T falls to zero at most with the inflow, and rises to 2 T0 at most against it.
         stopped_drag: drag coefficient of the stopped propeller, on the area of the disc and the speed along the axis.

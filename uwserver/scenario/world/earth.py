@@ -51,7 +51,7 @@ def magnetic_about(latitude: float, longitude: float, year: float) -> tuple[Vec3
     """Return `Earth.magnetic` by the World Magnetic Model, at mean sea level.
 
     Args:
-        latitude, longitude: of the origin, rad.
+        latitude, longitude: those of the origin, rad.
         year: UTC, with its fraction; the model holds from 2025 to 2029.
 
     Raises:

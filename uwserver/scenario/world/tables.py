@@ -126,7 +126,7 @@ class Environment(Table, kw_only=True, frozen=True):
         daylight: light from above.
         current: uniform, steady current.
         currents: more currents, by name; all currents add up.
-        waves: of the surface; default: none.
+        waves: waves of the surface; default: none.
     """
 
     density_kgpm3: Annotated[float, Meta(ge=500, le=1500)] | UnsetType = UNSET

@@ -65,7 +65,7 @@ class AltimeterConfig(SensorTable, tag="altimeter", kw_only=True, frozen=True):
 
     Attributes:
         ideal: the exact distance of the nearest point in the cone.
-        frequency_hz: of the sound; absorption depends on it.
+        frequency_hz: frequency of the sound; absorption depends on it.
         beam_width_deg: full angle of the cone.
         rings: number of rings of rays around the axis; ring k has 6 k rays.
         min_range_m: blanking range; nearer echoes are not heard, but their multiples may be.

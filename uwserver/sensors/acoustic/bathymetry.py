@@ -44,10 +44,11 @@ class BathymetryConfig(PingTable, tag="bathymetry", kw_only=True, frozen=True):
     Attributes:
         beams: number of beams, at equal angles.
         field_deg: angle that the beams cover.
-        beam_width_across_deg: of a receiving beam straight down, between half-power points; to the side it is wider, as with any array.
-        beam_width_along_deg: of the transmitter.
+        beam_width_across_deg: width across the track of a receiving beam straight down, between half-power points; to the side it is wider, as with
+            any array.
+        beam_width_along_deg: width along the track of the transmitter's beam.
         receiver_height_deg: width of the receiver's beams along the track; it decides how much noise they hear.
-        taper: of the receiving array.
+        taper: taper of the receiving array.
         rays_along: number of rays in each column.
         threshold_db: level above the noise from which on an echo counts.
         detection: how ranges are found: by the middle of the echo; or, where that is more precise, as in outer beams, by the place where the phase

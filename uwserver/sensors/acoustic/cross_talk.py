@@ -34,7 +34,7 @@ class SonarTable(SensorTable, kw_only=True, frozen=True):
 
     Attributes:
         ideal: mean level without speckle and noise, at the true sound speed.
-        frequency_hz, bandwidth_hz: of the sound; the bandwidth gives the resolution in range, which is never finer than a bin.
+        frequency_hz, bandwidth_hz: those of the sound; the bandwidth gives the resolution in range, which is never finer than a bin.
         pulse_s: length of the pulse; a swept pulse longer than 1 / bandwidth is compressed, which lifts the echo by bandwidth times length.
         bins: number of equal range bins in a ping.
         range_m: range at the start; the service `set` changes it.
@@ -92,8 +92,8 @@ def describe(voice: Any, key: int, table: SonarTable, p: Vec3, reach: float, rea
 
     Args:
         voice: the record.
-        key: of the sonar's random numbers.
-        table: of the sonar.
+        key: key of the sonar's random numbers.
+        table: table of the sonar.
         p: position of its transducer in B, m.
         reach: its range, m.
         ready: time from which it may ping next, s.
@@ -142,7 +142,7 @@ class Sonar(Sensor):
 
         Args:
             scope: the instant at which the ping begins.
-            gates: of the ping.
+            gates: gates of the ping.
             c: sound speed, m/s.
             relative_db: level of another sonar's sound relative to its axis; if unset, the others are not heard.
         """
@@ -183,11 +183,11 @@ def overheard(head: Any, surroundings: Array, t: float, c: float, relative: floa
     """Return what a sonar in compiled code hears of the others on its vehicle in a ping that begins now: bursts (n, 4) of `voices`.
 
     Args:
-        head: of the sonar.
+        head: head of the sonar.
         surroundings: the table of what it sees.
         t: s.
         c, relative: as in `Sonar.overhear`.
-        gates: of the ping.
+        gates: gates of the ping.
     """
     voices, mine, count = voices_of(surroundings), head.voice, 0
     heard, p, q = np.zeros(len(voices), np.bool_), p_NB(head, surroundings), q_NB(head, surroundings)

@@ -45,7 +45,7 @@ def is_busy(head: Any, row: Any, t: float) -> bool:
     """Return whether the last ping is not over at time t (s). The sensor then gives no reading.
 
     Args:
-        head: of the sensor, a row of `compiled.HEAD`.
+        head: head of the sensor, a row of `compiled.HEAD`.
         row: its record, whose memory has `ready`, the time (s) from which it may ping again.
     """
     if t < row.m.ready - 1e-6:

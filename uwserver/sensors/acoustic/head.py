@@ -42,7 +42,7 @@ def step_on(step: float, center: float, width: float, index: int, sense: int) ->
     Args:
         step: angle from ping to ping, rad.
         center: middle of the sector, rad.
-        width: of the sector, rad; 2 pi for continuous rotation, 0 for a head that stands still.
+        width: width of the sector, rad; 2 pi for continuous rotation, 0 for a head that stands still.
         index, sense: memory of the head.
 
     Returns:

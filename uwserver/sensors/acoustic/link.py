@@ -30,8 +30,8 @@ class LinkTable(SensorTable, kw_only=True, frozen=True):
             by surface and bottom; without a ray there is no answer.
         arrival: which of the rays above their threshold the receivers take.
         reflections: largest number of reflections at surface and bottom of a ray.
-        frequency_hz, bandwidth_hz: of the signal.
-        source_level_db: of both sides, dB re 1 uPa at 1 m.
+        frequency_hz, bandwidth_hz: those of the signal.
+        source_level_db: source level of both sides, dB re 1 uPa at 1 m.
         noise_level_db: at the receiver, dB re 1 uPa^2/Hz.
         threshold_db: signal over noise from which on a signal is detected.
     """
@@ -78,7 +78,7 @@ class Link:
 
         Args:
             paths: all paths.
-            gain: of the device plus fading, dB.
+            gain: gain of the device plus fading, dB.
         """
         table = self._table
         most = math.inf if table.ideal else self.snr_db(0.0, gain) - table.threshold_db

@@ -61,11 +61,11 @@ class MultibeamConfig(ImagingTable, tag="multibeam", kw_only=True, frozen=True):
         ideal: mean level without speckle, noise and gain errors, at the true sound speed.
         beams: number of beams in the picture, at equal angles.
         field_deg: angle that the beams cover.
-        beam_width_horizontal_deg: of a beam ahead, between half-power points; to the side it is wider, as with any array.
+        beam_width_horizontal_deg: width of a beam ahead, between half-power points; to the side it is wider, as with any array.
         beam_width_vertical_deg: between half-power points, of transmitter and receiver each.
-        taper: of the array: side lobes of -13.3 dB (none), -23 dB (cosine) or -42.7 dB (hamming).
+        taper: taper of the array: side lobes of -13.3 dB (none), -23 dB (cosine) or -42.7 dB (hamming).
         gain_sigma_db: standard deviation of the beams' gains, which are drawn once a run.
-        rays_vertical: of each column of rays; six for each degree of the beam's height are enough.
+        rays_vertical: rays in each column; six for each degree of the beam's height are enough.
         mode: name of the mode at the start, one of `modes`; "" without modes.
         modes: by name, such as "low" and "high".
         surface_ghosts, bottom_ghosts: echoes by way of the sea surface, and of the bottom, which act as mirrors.
@@ -222,8 +222,8 @@ class Multibeam(PingingSonar):
         """Return azimuths and picture. Runs in another thread, so it uses only constants of self.
 
         Args:
-            instant: of the ping.
-            settings: of the ping.
+            instant: instant of the ping.
+            settings: settings of the ping.
             gain: (beams) gain of each beam's channel, by intensity.
             dt: time between readings, s.
         """

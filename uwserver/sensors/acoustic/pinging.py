@@ -113,7 +113,7 @@ class Instant(NamedTuple):
         scope: the instant itself; a copy that does not change, without vehicles by name.
         p: position of the transducer in N, m.
         poses: rotation matrices from the swath to N at the start, and at the end if that differs.
-        ranges, water: of the ping.
+        ranges, water: those of the ping.
         noise: its random parts; None for the mean.
     """
 
@@ -151,7 +151,7 @@ class Lighting(NamedTuple):
     Attributes:
         swath: its rays and beams.
         axes: (3, 3) matrix whose columns are the axes of the swath in the sensor frame.
-        width: of the narrowest beam, rad; the measure of how much the sonar turns.
+        width: width of the narrowest beam, rad; the measure of how much the sonar turns.
         fade: motion (m) and turn (rad) after which the correlation of the speckle is 1 / e.
     """
 
@@ -266,7 +266,7 @@ def fade_of(width: float, frequency: float) -> tuple[float, float]:
     """Return the motion (m) and the turn (rad) after which the correlation of the speckle is 1 / e: half the transducer's length, and 0.8 beams.
 
     Args:
-        width: of the beam between half-power points, rad; a line of length L has 0.886 wavelengths / L.
-        frequency: of the sound, Hz.
+        width: width of the beam between half-power points, rad; a line of length L has 0.886 wavelengths / L.
+        frequency: frequency of the sound, Hz.
     """
     return 0.5 * 0.886 * 1500.0 / (frequency * width), 0.8 * width

@@ -60,7 +60,7 @@ class ProfilerConfig(PingTable, tag="profiler", kw_only=True, frozen=True):
     With `rpy_deg = [0, -90, 0]` it scans across the track, from down to starboard.
 
     Attributes:
-        beam_width_deg: of the cone, between half-power points of transmitter and receiver each.
+        beam_width_deg: width of the cone, between half-power points of transmitter and receiver each.
         rays: number of rays along each side of a square of rays.
         step_deg: angle of the head from ping to ping.
         sector_center_deg, sector_width_deg: the sector that the head covers, to and fro; with a width of 0 it stands still, with 360 it rotates.
@@ -196,7 +196,7 @@ def _energy(
     """Return the mean intensity of the echoes in each gate (1, gates), uPa^2, at one attitude.
 
     Args:
-        head, row, surroundings, t: of the sonar; t in s.
+        head, row, surroundings, t: those of the sonar; t in s.
         divided: `Ranges` of the ping.
         alpha: absorption, dB/m.
         later: time from now to that attitude, s.

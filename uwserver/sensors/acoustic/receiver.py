@@ -58,7 +58,7 @@ class Ranges(NamedTuple):
 
     Attributes:
         gates: one for each bin, and some behind the last bin.
-        level: of the compressed pulse, uPa^2 at 1 m.
+        level: level of the compressed pulse, uPa^2 at 1 m.
         noise: mean intensity in a gate at an omnidirectional receiver, uPa^2.
     """
 
@@ -95,7 +95,7 @@ class Water(NamedTuple):
     Attributes:
         alpha: absorption, dB/m.
         scattering: backscatter of a cubic metre of water, 1/m, linear.
-        height: of the surface above the transducer, m.
+        height: height of the surface above the transducer, m.
         lambert: (n) Lambert's parameter of each material, linear, as in `Scope`.
     """
 
@@ -135,7 +135,7 @@ class Echoes:
             geometry: solids at the instant of the ping.
             water: around the sonar.
             p, R: position (m) of the transducer in N, and rotation matrix from the swath to N.
-            ranges: of the ping.
+            ranges: ranges of the ping.
             paths: that sound takes.
         """
         # Imported here because numba takes half a second.
@@ -209,7 +209,7 @@ class Noise(NamedTuple):
     """The random parts of a ping.
 
     Attributes:
-        key: of the sensor's random numbers.
+        key: key of the sensor's random numbers.
         number: drawn for the ping.
         faded, share: as `speckle.fading` returns them.
         bursts: (n, 4) sound of other sonars, see `voices`.
@@ -226,9 +226,9 @@ def hear(swath: Swath, energy: FloatArray, ranges: Ranges, noise: Noise | None) 
     """Return what the beams hear.
 
     Args:
-        swath: of the sonar.
+        swath: swath of the sonar.
         energy: (columns, gates) as `Echoes.energy` returns it.
-        ranges: of the ping.
+        ranges: ranges of the ping.
         noise: None for the mean, without speckle.
 
     Returns:
@@ -340,9 +340,9 @@ def listen(
 
     Args:
         energy: (columns, gates) mean intensity of the echoes, uPa^2.
-        ranges: of the ping.
+        ranges: ranges of the ping.
         noise: None for the mean, without speckle.
-        directivity: of a receiver, as a ratio.
+        directivity: directivity of a receiver, as a ratio.
         array: how the beams hear the columns.
 
     Returns:
@@ -403,7 +403,7 @@ def sound_out(
     Args:
         sound: as `listen` returns it.
         bins: gates that count.
-        ranges, directivity: of the ping.
+        ranges, directivity: those of the ping.
         alpha: absorption, dB/m. Weights make up for it, so that the far part of an echo counts as much as the near part.
         threshold_db: level above the mean noise from which on a gate counts.
         apart: as `listen` returns it; without it phases are not used.

@@ -76,7 +76,7 @@ def _energy(
     """Find the mean intensity of the echoes in each gate, uPa^2.
 
     Args:
-        row, surroundings: of the sonar.
+        row, surroundings: those of the sonar.
         R: (3, 3) whose columns are the axes of its head in N.
         alpha: absorption, dB/m.
         divided: gates of the ping.
@@ -103,7 +103,7 @@ def _receive(
     """Find the strongest sample of the matched filter in each bin; without errors its mean, with phase 0.
 
     Args:
-        head, row, surroundings, t: of the sonar; t in s.
+        head, row, surroundings, t: those of the sonar; t in s.
         p, R: position of its head in N, m, and (3, 3) whose columns are its axes.
         c: sound speed, m/s.
         divided: gates of the ping.
@@ -173,7 +173,7 @@ def hear(
     """Make the bins of a ping under water.
 
     Args:
-        head, row, surroundings, t: of the sonar; t in s.
+        head, row, surroundings, t: those of the sonar; t in s.
         direction, hits: directions (n, 3) of the finer rays, and what they hit; what the rays of the fan hit is kept in the block.
         sound: (bins, 2) receives real and imaginary part of each bin, uPa; not used by the model of the paper.
         out: (bins) receives counts or pressure.

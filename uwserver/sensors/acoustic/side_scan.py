@@ -35,7 +35,7 @@ class SideScanConfig(ImagingTable, tag="side_scan", kw_only=True, frozen=True):
     Attributes:
         beam_width_horizontal_deg: along the track, between half-power points of transmitter and receiver each.
         beam_width_vertical_deg: across the track, likewise.
-        tilt_deg: of the axes of both transducers below the horizon.
+        tilt_deg: tilt of the axes of both transducers below the horizon.
         rays_vertical: rays below the horizon in each of four columns a side; they divide the range into so many equal parts.
     """
 

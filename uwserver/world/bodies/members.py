@@ -81,7 +81,7 @@ def place_solids(scene: Scene, placed: dict[Member, int], members: Collection[Me
     """Place the solid bodies in a scene, and remove all others.
 
     Args:
-        scene: of the world.
+        scene: scene of the world.
         placed: the bodies in the scene, with their ids; is updated.
         members: the bodies of the world.
     """

@@ -41,7 +41,7 @@ class External(Stateless):
         """Take over a body that was added with `led_params`.
 
         Args:
-            name: of the vehicle.
+            name: name of the vehicle.
             hydro, row: the arrays, and the row of the body in them.
             source: gives the poses, in simulation time.
             ghost: nothing touches the body, so the kernel need not move it within a tick either.

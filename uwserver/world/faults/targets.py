@@ -75,7 +75,7 @@ def damaged(body: BodyParams, hull: Hull, faults: Iterable[HullFault], density: 
     Args:
         body, hull: without faults.
         faults: the active ones.
-        density, gravity: of the water (kg/m3), and m/s2.
+        density, gravity: those of the water (kg/m3), and m/s2.
     """
     faults = list(faults)
     lost = [fault for fault in faults if isinstance(fault, MassLoss)]

@@ -78,7 +78,7 @@ def why_lost(leg: Leg, modem: Modem, packet: Packet, there: Sequence[Leg], own: 
     """Return why a packet is not understood, as a name of `Counts`; "" if it is understood.
 
     Args:
-        leg: of the packet, which has ended.
+        leg: leg of the packet, which has ended.
         modem: the receiver.
         packet: the packet.
         there: all legs that are or were heard at the receiver lately, this one included.

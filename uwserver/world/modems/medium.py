@@ -44,8 +44,8 @@ class Node(NamedTuple):
     """One modem.
 
     Attributes:
-        path: of the port at which it reports what it hears.
-        slot: of that port.
+        path: path of the port at which it reports what it hears.
+        slot: slot of that port.
         modem: its sensor.
         vehicle: carries it.
     """

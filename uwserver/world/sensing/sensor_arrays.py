@@ -54,8 +54,8 @@ class SensorArrays:
     Attributes:
         surroundings: addresses of the arrays that sensors see (`sensors.surroundings`).
         table: addresses of the arrays of the sensors themselves (`step.streams.FORMS`).
-        heads, streams, operations, numbers: of all sensors (`sensors.compiled`, `step.streams`, `modifiers.operations`).
-        voices: of all sonars (`sensors.voices`).
+        heads, streams, operations, numbers: those of all sensors (`sensors.compiled`, `step.streams`, `modifiers.operations`).
+        voices: voices of all sonars (`sensors.voices`).
         nu_dot, tau: (n, 6) of the bodies, made in ticks in which a sensor needs them: see `Hydrodynamics.rates_of_change`.
         next_ns: time at which the next sample in flight arrives.
         roused: sensors that have something to report, whatever their rate (`Sensor.rouse`).

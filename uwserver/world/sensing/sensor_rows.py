@@ -76,13 +76,13 @@ class SensorState(State, frozen=True, omit_defaults=True):
 
     Attributes:
         number: number of readings made; it also decides which random numbers come next.
-        active, divisor: of the slot.
-        settings, memory: of the sensor, as msgpack; empty if it has none.
+        active, divisor: those of the slot.
+        settings, memory: those of the sensor, as msgpack; empty if it has none.
         held: HELD of each stream (`uwserver.step.streams`), the sensor's own stream first.
         numbers: float64 of each stream: the last reading, then the memory of its operations.
-        loose: of each stream the values of the last reading that are no numbers; empty if it has none.
+        loose: values of the last reading of each stream that are no numbers; empty if it has none.
         modifiers: memories of the modifiers of streams whose readings are made in Python.
-        pictures: stands in place of `loose` for a sensor that takes time.
+        pictures: takes the place of `loose` for a sensor that takes time.
     """
 
     number: Count

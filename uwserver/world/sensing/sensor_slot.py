@@ -31,12 +31,12 @@ class SensorSlot(Part):
     """A sensor in the world.
 
     Attributes:
-        row: of the body that carries it.
+        row: row of the body that carries it.
         sensor: the device.
         streams: its own stream, then the further ones.
         rate_hz: ticks per second.
         divisor: it measures once every `divisor` ticks.
-        latency_ns: of the device.
+        latency_ns: latency of the device.
         wiring: the inside of its vehicle.
         twin: the same device without errors, for ideal streams of a sensor that is written in Python.
         has_loose: whether some of its values are no numbers.
@@ -290,7 +290,7 @@ class SensorSlot(Part):
         repeats its values.
 
         Args:
-            number: of the reading.
+            number: number of the reading.
             dropped: for each stream, whether its sample is lost.
         """
         for stream, is_lost in zip(self.streams, dropped, strict=True):

@@ -42,7 +42,7 @@ class Timetable(NamedTuple):
 
     Attributes:
         rows: arrays of `step.rows.FORMS`, by name.
-        kernels: of the kinds, by their numbers.
+        kernels: kernels of the kinds, by their numbers.
         slots: by the number of their head.
     """
 

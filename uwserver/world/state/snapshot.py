@@ -26,7 +26,7 @@ class Snapshot(Struct, frozen=True, eq=False):
     """The state of a world between two ticks. Commands and calls that are posted but not carried out are not part of it.
 
     Attributes:
-        tick: of the world.
+        tick: tick of the world.
         parts: state of each part, by its path, in the order of `World.parts`.
     """
 

@@ -51,7 +51,7 @@ class ActuatorSlot(Part):
 
     Attributes:
         timeout_ticks: ticks without a command after which the actuator goes to neutral; 0 for never.
-        last_tick, last_value, source: of the last command.
+        last_tick, last_value, source: those of the last command.
         other_tick: last tick in which two sources were in conflict.
         refusal: why the actuator takes no commands at present; "" if it does.
     """

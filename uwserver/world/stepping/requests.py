@@ -54,7 +54,7 @@ class Requests:
         """Carry out the posted requests, then more. Replies go to the output. A call may put the world to another tick.
 
         Args:
-            output: of the tick.
+            output: output of the tick.
             more: further requests. The next one is taken only when the one before is done, so that the iterator can stop in time.
         """
         posted, self.posted = self.posted, []

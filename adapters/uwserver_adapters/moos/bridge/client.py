@@ -37,7 +37,7 @@ class Link(asyncio.Protocol):
     """The client's side of a connection. Loop thread.
 
     Args:
-        name: of the client.
+        name: name of the client.
         clock: MOOS time; it follows the clock of the database.
         take: gets the notifications of each packet.
 
@@ -211,16 +211,16 @@ class Community:
     """One MOOSDB, which is joined again and again. Loop thread.
 
     Args:
-        name: of the community in the adapter's table.
-        table: of the community.
-        config: of the adapter.
+        name: name of the community in the adapter's table.
+        table: table of the community.
+        config: config of the adapter.
         context: the world.
         clock: MOOS time.
 
     Attributes:
         bridge: the bridge between the database and the world.
         link: the connection; None while there is none.
-        address: of the database.
+        address: address of the database.
     """
 
     def __init__(

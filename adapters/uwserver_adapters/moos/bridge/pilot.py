@@ -228,7 +228,7 @@ class Pilot:
     """The autopilot and the depth hold, where the table asks for them.
 
     Args:
-        table: of the autopilot; None for none.
+        table: table of the autopilot; None for none.
         hold_depth_m: depth to hold, m; None for none. An autopilot with a depth needs no depth hold.
 
     Attributes:

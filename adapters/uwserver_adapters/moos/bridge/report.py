@@ -68,7 +68,7 @@ class Pace:
         Args:
             status: the answer of ``world/status``.
             wall_s: wall time, by a steady clock.
-            name: of the adapter, for the log.
+            name: name of the adapter, for the log.
 
         Returns:
             Variables to publish.

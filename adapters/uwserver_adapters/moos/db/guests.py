@@ -55,7 +55,7 @@ class Community:
     """A MOOSDB and its clients.
 
     Attributes:
-        config, context: of the adapter.
+        config, context: those of the adapter.
         clock: MOOS time of the community.
         database: its variables.
         peers: its connections.
@@ -111,7 +111,7 @@ class Guest(Connection):
     """The connection of one client. All its methods run on the loop.
 
     Args:
-        community: of the database.
+        community: community of the database.
 
     Attributes:
         name: name of the client; "" until it has said it.

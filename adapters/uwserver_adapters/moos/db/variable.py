@@ -45,7 +45,7 @@ class Client:
         filters: (pattern of variables, pattern of clients) -> interval, of its wildcard registrations.
         hears: names of the variables for which it is registered; the values mean nothing.
         writes: names of the variables that it has written, likewise.
-        latency: of its heartbeats.
+        latency: latency of its heartbeats.
     """
 
     deliver: Callable[[Letter], None]

@@ -34,7 +34,7 @@ class SerialLine:
     """The one user of a device that may come and go. QUIT ends the session; the next one begins when the device is opened again.
 
     Args:
-        path: of the device. Its speed stays as the system has set it (`stty`).
+        path: path of the device. Its speed stays as the system has set it (`stty`).
         users: all users.
 
     Attributes:
@@ -84,7 +84,7 @@ class TextConnection(Connection):
     Args:
         users: all users.
         peers: all connections.
-        name: of this user as a client of the database.
+        name: name of this user as a client of the database.
     """
 
     def __init__(self, users: Users, peers: Peers[TextConnection], name: str) -> None:

@@ -37,7 +37,7 @@ class Users:
     """The database, and all its users on TCP and on the serial line.
 
     Attributes:
-        config, context: of the adapter.
+        config, context: those of the adapter.
         clock: time of the variables, s since 1970.
         database: the variables.
         background: what is done later, in pieces.
@@ -75,7 +75,7 @@ class TextSession:
 
     Args:
         users: all users.
-        name: of this user as a client of the database.
+        name: name of this user as a client of the database.
         send: takes lines without their end.
         end: ends the connection.
 

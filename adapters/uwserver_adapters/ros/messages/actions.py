@@ -29,7 +29,7 @@ class Action:
     """An action.
 
     Attributes:
-        name: of the action.
+        name: name of the action.
         type: ``package/action/Name``.
         ask: turns a goal into a call; raises `BadMessage`.
         result: makes the result from a reply of the world.

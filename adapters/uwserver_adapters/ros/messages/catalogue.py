@@ -58,8 +58,8 @@ class Catalogue:
     """What a world has.
 
     Attributes:
-        types: of the distribution.
-        facts: of the world.
+        types: types of the distribution.
+        facts: facts of the world.
         sensor_topics: all that sensors become; several may share a topic, which is of one type.
         command_topics: topic -> what it commands.
         offers: service -> what it asks for.

@@ -63,7 +63,7 @@ class CommandTopic:
     """A topic that commands an actuator.
 
     Attributes:
-        name: of the topic.
+        name: name of the topic.
         type: ``package/msg/Name``.
         port: path of the actuator.
         value: turns a message into a command; raises `BadMessage`.

@@ -41,7 +41,7 @@ def response(types: Types, short: str, code: int, text: str = "", **fields: obje
     Args:
         types: message types of the distribution.
         short: name of the service type without its package.
-        code: of the Result.
+        code: code of the Result.
         text: error message of the Result.
         fields: further fields of the response.
     """

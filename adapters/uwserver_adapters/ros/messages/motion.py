@@ -75,8 +75,8 @@ def scalar(ros_port: RosPort, suffix: str, type_name: str, field: str, key: str)
     Args:
         ros_port: the port.
         suffix: appended to the name of the port.
-        type_name: of the message.
-        field: of the port.
+        type_name: type name of the message.
+        field: field of the port.
         key: the field of the message that holds the value.
     """
     types = ros_port.types

@@ -64,7 +64,7 @@ def built(types: Types, name: str, given: object, where: str = "") -> Any:
 
     Args:
         types: message types of the distribution.
-        name: of the message type.
+        name: name of the message type.
         given: the map.
         where: path of this message in the outer one, for errors.
 

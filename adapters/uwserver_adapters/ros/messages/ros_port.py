@@ -76,7 +76,7 @@ class SensorTopic:
     """A topic that is published from the samples of one port or several.
 
     Attributes:
-        name: of the topic.
+        name: name of the topic.
         type: ``package/msg/Name``.
         ports: paths of the ports; more than one where a message combines several.
         make: makes the message of a sample, or returns None. Never raises for a sample of these ports.

@@ -45,7 +45,7 @@ class Offer:
     """A ROS service.
 
     Attributes:
-        name: of the service.
+        name: name of the service.
         type: ``package/srv/Name``.
         ask: turns a request into an `Ask` or an `Errand`, or into the response where it is known at once. Raises `BadMessage`.
         answer: makes the response from a result or a fault.

@@ -205,7 +205,7 @@ class Types:
 
         Args:
             data: the bytes.
-            name: of the type.
+            name: name of the type.
             most: longest message that is taken; for one of a peer `most_bytes` of its type.
 
         Raises:

@@ -64,9 +64,9 @@ class AdcpConfig(SensorTable, tag="adcp", kw_only=True, frozen=True):
 
     Attributes:
         ideal: exact means over the cells, as far as each beam is in the water.
-        frequency_hz: of the sound; absorption depends on it.
-        beam_angle_deg: of the slanted beams from the axis.
-        beam_azimuth_deg: of each slanted beam about the axis, from x to y.
+        frequency_hz: frequency of the sound; absorption depends on it.
+        beam_angle_deg: angle of the slanted beams from the axis.
+        beam_azimuth_deg: azimuth of each slanted beam about the axis, from x to y.
         axial_beam: one more beam along the axis; it counts in the values of single beams, not in the vectors.
         cells: number of cells.
         cell_size_m: length of a cell, and of the pulse.

@@ -236,7 +236,7 @@ def _write_cell(
         head, row, ensemble, out: as of `hear_cells`.
         velocity: true velocity along the beam, m/s; NaN without water.
         strength: signal over noise, as a ratio.
-        number: of beam and cell.
+        number: number of the beam's cell.
     """
     exact, place = head.exact != 0, row.place
     correlation = row.nominal / (1.0 + 1.0 / strength)
@@ -285,8 +285,8 @@ def hear_cells(
     """Write velocity, echo and correlation of each cell and beam; nothing behind what a beam hits.
 
     Args:
-        head, row, surroundings: of the sensor.
-        ensemble: of this reading.
+        head, row, surroundings: those of the sensor.
+        ensemble: ensemble of this reading.
         boundary: as `boundary_of` returns it.
         out: the reading.
     """

@@ -69,9 +69,9 @@ class DvlConfig(SensorTable, tag="dvl", kw_only=True, frozen=True):
 
     Attributes:
         ideal: exact values, and lock wherever a beam hits something.
-        frequency_hz: of the sound; absorption depends on it.
-        beam_angle_deg: of each beam from the axis.
-        beam_azimuth_deg: of each beam about the axis, from x to y.
+        frequency_hz: frequency of the sound; absorption depends on it.
+        beam_angle_deg: angle of each beam from the axis.
+        beam_azimuth_deg: azimuth of each beam about the axis, from x to y.
         min_altitude_m, max_altitude_m: along the axis; at the largest altitude, sediment below a level device is just detected.
         max_speed_mps: along a beam.
         beam_sigma_mps, range_sigma_m: white error of a beam's velocity and range per ping, at a strong echo.

@@ -29,7 +29,7 @@ def response(taper: Taper, elements: int, off: FloatArray) -> FloatArray:
     """Return the amplitude of a beam for sound from off its axis; it is 1 on the axis.
 
     Args:
-        taper, elements: of the array.
+        taper, elements: those of the array.
         off: sine of the angle of the sound minus that of the beam, of any shape.
     """
     return _tapered(_untapered, taper, elements, off)
@@ -42,7 +42,7 @@ def difference(taper: Taper, elements: int, off: FloatArray) -> FloatArray:
     halves are opposite.
 
     Args:
-        taper, elements: of the array.
+        taper, elements: those of the array.
         off: as for `response`.
     """
     return _tapered(_odd, taper, elements, off)

@@ -50,7 +50,7 @@ class Block:
 
     Attributes:
         arrays: by the names of FORMS.
-        address: of the table by which compiled code finds them.
+        address: address of the table by which compiled code finds them.
     """
 
     def __init__(self, **arrays: Any) -> None:

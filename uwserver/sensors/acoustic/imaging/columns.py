@@ -100,7 +100,7 @@ def scatter(energy: Array, key: int, faded: Array, share: Array, phasors: Array,
 
     Args:
         energy: (columns, gates) mean intensity of the echoes, uPa^2.
-        key: of the sensor's random numbers.
+        key: key of the sensor's random numbers.
         faded, share: as `speckle.fading` returns them.
         phasors: `speckle.PHASORS`.
         sound: (2, columns, gates) receives real and imaginary part, uPa.
@@ -161,8 +161,8 @@ def add_noise(key: int, number: int, noise: float, phasors: Array, sound: Array)
     """Add a receiver's noise to each beam.
 
     Args:
-        key: of the sensor's random numbers.
-        number: of the ping, drawn.
+        key: key of the sensor's random numbers.
+        number: number of the ping, drawn.
         noise: mean intensity in a gate, uPa^2.
         phasors: `speckle.PHASORS`.
         sound: (2, beams, gates).
@@ -216,7 +216,7 @@ def receive(
     Args:
         noise: mean intensity in a gate, uPa^2.
         bursts: (n, 4) pings of other sonars, see `sensors.voices`.
-        key, number: of the sensor's random numbers, and of the ping.
+        key, number: those of the sensor's random numbers, and of the ping.
         window: gates in the resolution of the pulse.
         phasors: `speckle.PHASORS`.
         sound: (2, beams, gates) real and imaginary part, uPa; or (1, beams, gates) mean intensity, uPa^2, which gets neither noise nor pings.

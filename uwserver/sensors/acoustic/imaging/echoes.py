@@ -52,7 +52,7 @@ def gates(reach: float, bins: int, resolution: float, stretch: float = 1.0) -> G
     Args:
         reach: range at the end of the last bin, as the device believes, m.
         bins: number of bins.
-        resolution: of the pulse, true m: c / (2 B).
+        resolution: resolution of the pulse, true m: c / (2 B).
         stretch: believed over true sound speed.
     """
     resolved = min(stretch * resolution, reach)
@@ -80,7 +80,7 @@ def deposit(
         direction: (n, 3) of the rays, in N. What a ray hits is continued as a plane to the middle of its cell.
         R: (3, 3) rotation matrix from the fan to N.
         distance, normal, bodies, material: what each ray hits, as `Hits`.
-        ground: of the world, as `uwserver.physics.rays.echoes.Ground`.
+        ground: ground of the world, as `uwserver.physics.rays.echoes.Ground`.
         per_metre: as in `Gates`.
         column: (n) column of each ray.
         shift: number of gates before the first one that counts; echoes from before that are left out.

@@ -96,7 +96,7 @@ class Fan:
     over the width of a cell, and those of a row likewise. So nothing that is upright or level and thinner than a cell fits between all rays.
 
     Attributes:
-        columns, rows: of cells.
+        columns, rows: those of cells.
         direction: (n, 3) unit vectors of the rays in the transducer's frame.
         cells: (n) of CELL; `emitted` is the two-way beam pattern (a line array's in each direction, 1 on the axis) times the solid angle (sr) and the
             level.
@@ -136,7 +136,7 @@ class Pencil:
 
     Attributes:
         grid: its cells; `emitted` is the pattern of transmitter and receiver, times the solid angle (sr).
-        directivity: of the receiver, as a ratio.
+        directivity: directivity of the receiver, as a ratio.
     """
 
     def __init__(self, width: float, side: int) -> None:
@@ -236,12 +236,12 @@ class Swath:
     """Rays around the x axis of a transducer, and beams.
 
     Attributes:
-        columns, rows: of the rays.
+        columns, rows: those of the rays.
         grid: their cells; `emitted` is the pattern of transmitter and receiver without that of the array, times the solid angle (sr).
         column: (n) number of each ray's column.
         azimuth: (beams) rad, from x towards y.
         pattern, power: (beams, columns) float32, part of a column's amplitude and power that a beam hears.
-        directivity: of a beam, as a ratio.
+        directivity: directivity of a beam, as a ratio.
         aperture: length of the array, wavelengths; `Sides` have none.
     """
 
@@ -254,7 +254,7 @@ class Swath:
             field: angle that the beams cover, rad.
             width, height: angles between half-power points of a beam, rad; in elevation of transmitter and receiver each.
             beams, rows: numbers of beams, and of rays in a column.
-            taper: of the array.
+            taper: taper of the array.
         """
         margin = _MARGIN * width
         over = min(field + 2.0 * margin, _BOTH_SIDES)
@@ -304,7 +304,7 @@ class Sides(Swath):
         Args:
             width: angle along the track between half-power points, rad.
             height: angle across the track between half-power points, rad.
-            tilt: of both axes below the horizon, rad.
+            tilt: tilt of both axes below the horizon, rad.
             rows: number of rays below the horizon in each column.
         """
         edges = depressions(rows)

@@ -57,10 +57,10 @@ def sharpen(
     """Find the rays that replace those rays of a fan that hit, or nearly hit, something thin.
 
     Args:
-        columns, rows: of the fan.
+        columns, rows: those of the fan.
         fan: has `cells`, `place`, `area`, `across_power` and `along_power`, as `Fan`.
         towards: (n, 3) directions of its rays in the frame of the hits.
-        hits: of these rays; the hits of cells that are cut are removed.
+        hits: hits of these rays; the hits of cells that are cut are removed.
         cuts: (n) of CUT, receives how each cell is cut.
         direction: (m, 3) receives the directions of the new rays, in the frame of the fan.
         finer: (m) of CELL receives the new cells; m is `room_for` the rays of the fan.
@@ -141,7 +141,7 @@ def _join(at_x: float, at_y: float, dx: float, dy: float, form: int, frame: Any,
     Args:
         at_x, at_y: place of the first ray, cells.
         dx, dy: from there to the other ray, cells.
-        form: of the thing.
+        form: form of the thing.
         frame: columns and rows of the fan, power of its cells, and least power of a cell that is cut.
         cuts: (n) of CUT.
     """
@@ -173,7 +173,7 @@ def find_thin(
     """Find which cells are cut, and how.
 
     Args:
-        columns, rows: of the fan.
+        columns, rows: those of the fan.
         place: (n, 2) as in `Fan`.
         emitted: (n) of its cells.
         direction: (n, 3) of the rays, in the frame of the normals.
@@ -286,10 +286,10 @@ def cut(
     """Make the new cells.
 
     Args:
-        columns: of the fan.
+        columns: columns of the fan.
         cells: (n) its cells, as CELL.
         cuts: (n) of CUT, as `find_thin` writes them.
-        area, across_power, along_power: of the fan.
+        area, across_power, along_power: those of the fan.
         direction: (most, 3) receives unit directions of the rays.
         finer: (most) receives the cells.
 

@@ -117,8 +117,8 @@ def scatter(
 
     Args:
         energy: (gates) mean intensity of the echoes, uPa^2.
-        key: of the sensor's random numbers.
-        number: of the ping.
+        key: key of the sensor's random numbers.
+        number: number of the ping.
         noise: its mean intensity in a gate, uPa^2.
         faded, share: as `fading` returns them.
         phasors: PHASORS.

@@ -176,8 +176,8 @@ class Answer(NamedTuple):
         p_BN: true position in N from which the beacon answered, m.
         p_NS, q_NS: true pose of the device when it heard the answer.
         distance: true straight distance, mean of both ways, m.
-        path: of the sound, from the device to the beacon.
-        travel_time: of both ways with errors, without the turn-around time, s.
+        path: path of the sound, from the device to the beacon.
+        travel_time: travel time of both ways with errors, without the turn-around time, s.
         snr: signal over noise, as a ratio; inf for an ideal device.
     """
 

@@ -251,7 +251,7 @@ def bent(direction: FloatArray, normal: FloatArray, ratio: float) -> FloatArray:
     """Return unit directions (n, 3) after a face (Snell), whose unit normals (n, 3) point in the direction in which rays are followed.
 
     Args:
-        direction, normal: of each ray.
+        direction, normal: those of each ray.
         ratio: refractive index before the face over the index after it.
     """
     along = np.einsum("ij,ij->i", direction, normal)[:, None]
