@@ -58,7 +58,7 @@ class Film(NamedTuple):
 
     Attributes:
         scenario: by name.
-        parts: of the page's address.
+        parts: parts of the page's address.
         keys: seconds of simulation time, and the keys that are held.
         begin_s: simulation time of the first frame.
         frame_s: time from one frame to the next.

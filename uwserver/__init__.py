@@ -63,7 +63,7 @@ def load(scenario: str | Path | Scenario, *, seed: int | None = None) -> World:
 
     Args:
         scenario: name of a shipped scenario (``uwserver list``), path of a file, or a `Scenario` (see `ScenarioBuilder`).
-        seed: of all random numbers, instead of the scenario's: a whole number, 0 or more.
+        seed: seed of all random numbers, instead of the scenario's: a whole number, 0 or more.
 
     Raises:
         ScenarioError: the files have faults; the text has all of them, each with its place.

@@ -38,7 +38,7 @@ def require_kind(path: Path, needed: str, *kinds: Kind, status: int = 1) -> None
     """Raise a ClickException if a file is clearly of another kind than some: it says what the file is, and which command helps.
 
     Args:
-        path: of the file.
+        path: path of the file.
         needed: the file that the command needs, in words: "a recording".
         kinds: that the command takes.
         status: exit status of the process.

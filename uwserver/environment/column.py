@@ -31,7 +31,7 @@ def absorption(frequency_Hz: float, temperature: float, salinity: float, depth: 
     The paper states an accuracy of 5 % for 10 to 500 kHz. Above 1 MHz only the water term matters, and the formula is extrapolated.
 
     Args:
-        frequency_Hz: of the sound.
+        frequency_Hz: frequency of the sound.
         temperature: degC.
         salinity: practical salinity.
         depth: m, positive down.

@@ -102,7 +102,7 @@ def wanted_tables(
     Args:
         resolved: the scenario; its table of an adapter is taken for its name.
         adapters: kinds, or names of the scenario's, or tables by name; None for the scenario's, or `sockets`.
-        port: of an adapter `sockets` for which no other is asked.
+        port: port of an adapter `sockets` for which no other is asked.
 
     Raises:
         Refused: it is something else, or no adapter.
@@ -175,7 +175,7 @@ def show_page(address: str, is_wanted: bool) -> None:
     """Open a page in the browser of this desktop; without a desktop, print its address on standard error.
 
     Args:
-        address: of the page.
+        address: address of the page.
         is_wanted: the user asks for a browser, so one in the terminal will do.
     """
     if is_wanted or _has_desktop():

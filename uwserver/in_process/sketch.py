@@ -37,7 +37,7 @@ class Outline(NamedTuple):
     """A solid in N.
 
     Attributes:
-        name: of the body or structure; "" to leave it out.
+        name: name of the body or structure; "" to leave it out.
         points: (n, 3), whose hull contains it, m.
         is_body: whether it moves.
     """
@@ -51,7 +51,7 @@ class View(NamedTuple):
     """One picture: what is across and down in it.
 
     Attributes:
-        title: of the picture.
+        title: title of the picture.
         across, down: number of the axis in N, and its sign.
     """
 

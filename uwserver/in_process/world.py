@@ -220,7 +220,7 @@ class World:
         was stopped keeps its samples. Commands that have not acted yet are dropped.
 
         Args:
-            seed: of all random numbers from now on, a whole number, 0 or more; None for the present one. Snapshots that were kept in memory
+            seed: seed of all random numbers from now on, a whole number, 0 or more; None for the present one. Snapshots that were kept in memory
                 under a name (``world/snapshot``) are gone with another seed.
 
         Raises:
@@ -300,7 +300,7 @@ class World:
         They begin anew when the time is set, as by `reset`.
 
         Args:
-            patterns: of the paths of sensors: ``*`` stands for one level, ``**`` for any number; default: all sensors.
+            patterns: patterns of the paths of sensors: ``*`` stands for one level, ``**`` for any number; default: all sensors.
 
         Raises:
             Refused: no sensor matches.
@@ -445,7 +445,7 @@ class World:
         Args:
             adapters: kinds (``"sockets"``, ``["sockets", "ros2"]``), names of the scenario's own, or tables by name as in a scenario file:
                 ``{"link": {"kind": "mavlink", "port": 14550}}``; default: those of the scenario.
-            port: of the adapter ``sockets``; 0 takes a free one.
+            port: port of the adapter ``sockets``; 0 takes a free one.
             speed: as for `view`.
 
         Raises:

@@ -87,7 +87,7 @@ def checked_whole(name: str, number: object, least: int = 0, what: str = "") -> 
     """Return a whole number that a program in the same process gave; numpy's are whole numbers too.
 
     Args:
-        name: of the argument.
+        name: name of the argument.
         number: any object.
         least: lowest number.
         what: the rule in words; "" for ``"name" must be a whole number, 0 or more``.

@@ -64,7 +64,7 @@ class ModelFileView(Struct, frozen=True):
     """A glTF file (.glb) that viewers show instead of the shapes.
 
     Attributes:
-        sha256: of the file; it is served under this name.
+        sha256: hash of the file; it is served under this name.
         size: size of the file, bytes.
         p, q: pose of the file's frame in B; in that frame x is forward, y right, z down after `up` is applied.
         up: axis of the file that points up.

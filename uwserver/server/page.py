@@ -16,7 +16,7 @@ def open_in_browser(address: str, failed: Callable[[str], None]) -> threading.Th
     """Open a page in the browser of this desktop.
 
     Args:
-        address: of the page.
+        address: address of the page.
         failed: takes the address if there is no browser, on the thread that is returned.
 
     Returns:

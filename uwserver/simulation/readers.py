@@ -33,7 +33,7 @@ class Readers:
         """Take the world of a simulation.
 
         Args:
-            world: of the simulation.
+            world: world of the simulation.
             bus: knows the subscriptions.
             steering: runs actions between two ticks.
             makes_all: all samples are made, also those that nobody subscribes to, as the program that steps the world gets them.

@@ -78,7 +78,7 @@ class Progress(NamedTuple):
         """Return the processor time that is still needed, s. One that has used more than expected needs at least a tenth of that more.
 
         Args:
-            slowness: of this machine: processor time over its estimate.
+            slowness: slowness of this machine: processor time over its estimate.
         """
         return max(slowness * self.estimate - self.spent, 0.1 * self.spent)
 

@@ -22,7 +22,7 @@ class Diverged(Exception):
     Attributes:
         output: replies to the requests that were carried out at the start of the tick, and samples of earlier ticks that were made in the
             same call of `advance`.
-        samples: of the earlier ticks of the same `step`.
+        samples: samples of the earlier ticks of the same `step`.
     """
 
     def __init__(self, text: str, output: TickOutput) -> None:

@@ -52,8 +52,8 @@ def check_other(kind: Kind, path: Path, label: str) -> bool:
     """Print what is wrong with a file of one of the kinds in `CHECKS`, or what it is; return whether nothing is wrong.
 
     Args:
-        kind: of the file.
-        path: of the file.
+        kind: kind of the file.
+        path: path of the file.
         label: the file as the user types it: a path, or the name of a shipped one.
     """
     try:

@@ -44,7 +44,7 @@ class Document:
         label: what problems call it: the path of the file, or the title of the scenario.
         raw: its top table.
         locations: line and column of every key; (0, 0) if there is no file.
-        path: of the file; None if there is none.
+        path: path of the file; None if there is none.
     """
 
     label: str
@@ -150,7 +150,7 @@ def find(reference: str, folder: str, beside: Path, fail: Callable[[str], None])
 
     Args:
         reference: what the user wrote. A file of that name counts, also without ``.toml`` or a slash, if nothing of that name is shipped.
-        folder: of the shipped files: "", "vehicles" or "devices".
+        folder: folder of the shipped files: "", "vehicles" or "devices".
         beside: folder where a relative path starts.
         fail: called with the reason if there is no such file.
     """

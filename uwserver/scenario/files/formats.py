@@ -97,7 +97,7 @@ def told(label: str, kind: Kind) -> str:
 
     Args:
         label: the file as a user types it: its path, or the name of a shipped one.
-        kind: of the file.
+        kind: kind of the file.
     """
     name, advice = FORMATS[kind]
     here = advice.replace('"FILE"', json.dumps(label, ensure_ascii=False)).replace("FILE", shlex.quote(label))

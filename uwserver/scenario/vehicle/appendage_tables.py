@@ -122,7 +122,7 @@ class Ballast(Sourced, kw_only=True, frozen=True):
     Attributes:
         form: bladder (its volume displaces water, so more volume lifts) or tank (its volume is sea water taken in, so more volume sinks).
         neutral_volume_m3: volume that is included in mass_kg and volume_m3 of the vehicle; the watchdog returns to it.
-        rate_m3ps: of the pump.
+        rate_m3ps: rate of the pump.
     """
 
     position_frd_m: Vector3

@@ -85,7 +85,7 @@ def plain(report: Report, width: int, styled: Style) -> str:
 
     Args:
         report: to be shown.
-        width: of the terminal, characters.
+        width: width of the terminal, characters.
         styled: gives titles and verdicts their style.
     """
     width = max(width, _NARROWEST)

@@ -83,7 +83,7 @@ def verdicts(
     """Return all verdicts, those that spoil a run first.
 
     Args:
-        trials: of the report.
+        trials: trials of the report.
         published: name of a quantity with its unit, simulated value and published figure.
         lines: where the forces act.
         floats: whether it is a surface vessel.
