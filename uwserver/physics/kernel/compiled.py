@@ -52,7 +52,7 @@ ENTRY_KERNELS = {
 }  # fmt: skip
 """The kernels that Python calls, by what a world needs them for."""
 
-LEVELS = {
+LEVELS: dict[str, dict[str, tuple[str, ...]]] = {
     "x86_64": {
         "x86-64-v3": (
             "cx8", "cmov", "fxsr", "mmx", "sse", "sse2", "sse3", "ssse3", "sse4.1", "sse4.2", "popcnt", "cx16", "sahf",
