@@ -58,6 +58,9 @@ def _load_beams(energy: FloatArray) -> None:
     soundings.cross(sound, sound, spans, 0, 0.0, half, place, np.empty(4, np.uint8))
     columns.receive(1.0, voices.NO_BURSTS, np.uint64(0), np.uint64(0), 2.5, speckle.PHASORS, sound)
     columns.intensities(sound, np.ones(4, np.float32), image)
+    columns.intensities(
+        sound[:, :, 1:], np.ones(4, np.float32), image[1:]
+    )  # a ping of more gates than the picture has bins
     columns.counts(image, np.zeros(10), 1.0, columns.LOGARITHMS, np.zeros((10, 4), np.uint8))
     heard = np.zeros(2, voices.VOICE)
     voices.find_bursts_at_once(heard, 0, np.zeros(2, bool), 1500.0, 0.0, 0.0, 1.0, 1.0, 10, np.empty((0, 4)))
