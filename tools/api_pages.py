@@ -112,7 +112,7 @@ ADAPTERS = Page(
         Subject(
             "A base, and conversations",
             "uwserver.adapter",
-            ("AdapterBase", "Conversation", "InFlightLimit", "Refusals", "CannotServe", "did_you_mean"),
+            ("AdapterBase", "Conversation", "InFlightLimit", "Refusals", "CannotServe", "did_you_mean", "check_path", "install_command"),
         ),
         Subject(
             "Samples",
