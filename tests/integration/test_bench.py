@@ -111,7 +111,7 @@ def test_each_bar_of_the_specification_is_judged(run: tuple[dict, str]) -> None:
     assert bars["1 vehicle, sensors and autopilot, one core"] == 400.0
     assert bars["10 vehicles, sensors and autopilot, one core"] == 60.0
     assert bars["100 vehicles, sensors and autopilot, one core"] == 6.0
-    assert bars["server of 10 vehicles: what the client leaves of the rate"] == 0.85
+    assert bars["server of 10 vehicles: what the client leaves of the rate"] == 0.7
     assert bars["white noise on a 3-vector, a sample"] == 0.3
     assert bars["IMU sample with all errors, of 100 at once"] == 0.7
     assert bars["memory of a vehicle with sensors and autopilot"] == 200.0
