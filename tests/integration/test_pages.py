@@ -50,6 +50,7 @@ FOLLOWED = (
     "docs/how-to/coming-from.md",
     "docs/how-to/faults.md",
     "docs/how-to/training.md",
+    "docs/how-to/view-from-python.md",
 )
 """Pages of which nothing else is asked than that all works; the tests below follow others and look at what they show."""
 CHEAP = ("README.md", "docs/how-to/batch.md")

@@ -121,7 +121,8 @@ def malformed_key(endpoint: str) -> Iterator[None]:
                 back = threading.Thread(target=forward, args=(server, peer), daemon=True)
                 back.start()
                 forward(peer, server)
-                server.shutdown(socket.SHUT_RDWR)
+                with contextlib.suppress(OSError):  # its other side may have ended it already
+                    server.shutdown(socket.SHUT_RDWR)
                 back.join()
 
         relaying = threading.Thread(target=relay, daemon=True)

@@ -5,8 +5,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import AsyncIterator, Callable
+import os
+import re
+import socket
+from collections.abc import AsyncIterator, Callable, Collection
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from uwserver.adapter import AdapterContext, AdapterStats, CannotServe, Worker, install_command, within
@@ -92,6 +96,23 @@ async def _closed(sender: Worker, sessions: list[zenoh.Session], context: Adapte
         if not (isinstance(error, OSError) or _is_panic(error)):
             raise
         log.warning("%s: the session of zenoh did not close in order: %s", context.name, error)
+        _cut_connections(frozenset(re.findall(r":(\d+)(?:,|$)", context.stats.address)))
+
+
+def _cut_connections(ports: Collection[str]) -> None:
+    """End the connections of this process at these TCP ports (on Linux). A broken session may keep those of its peers alive, who would then never
+    look for the new one."""
+    names = set()
+    for table in (Path("/proc/self/net/tcp"), Path("/proc/self/net/tcp6")):
+        for line in table.read_text().splitlines()[1:] if table.exists() else ():
+            words = line.split()
+            if str(int(words[1].rpartition(":")[2], 16)) in ports:
+                names.add(f"socket:[{words[9]}]")
+    for entry in Path("/proc/self/fd").iterdir() if names else ():
+        with contextlib.suppress(OSError):  # it may be closed meanwhile
+            if str(entry.readlink()) in names:
+                with socket.socket(fileno=os.dup(int(entry.name))) as connection:
+                    connection.shutdown(socket.SHUT_RDWR)
 
 
 @contextlib.asynccontextmanager

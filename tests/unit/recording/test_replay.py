@@ -117,7 +117,9 @@ def test_a_recording_whose_engine_is_not_installed_is_refused(tmp_path: Path, mo
     engine = chosen_engine()
     monkeypatch.setattr("uwserver.physics.collision.engine.find_spec", lambda name: None)
     assert replay(bare).difference is None
-    with pytest.raises(NotReplayable, match=f'solid.mcap: its contacts cannot .*: the engine "{engine}" needs .*: pip'):
+    with pytest.raises(
+        NotReplayable, match=f'solid.mcap: its contacts cannot .*: the engine "{engine}" needs .*: .* -m pip'
+    ):
         replay(solid)
 
 

@@ -37,7 +37,7 @@ CASES = {
     "vehicle syntax": Case("tiny", "mass_kg = 10.0", "mass_kg = 10,0", "tiny.toml:8:13", "not valid TOML"),
     # keys
     "unknown top table": Case("tank", "[adapters.tcp]", "[adapter.tcp]", "tank.toml:7:2", 'unknown key "adapter" (did you mean "adapters"?)'),
-    "unknown key, list": Case("tank", 'title = "tank"', "xyzzy = 1", "tank.toml:2:1", "allowed: schema, title, extensions, seed, world"),
+    "unknown key, list": Case("tank", 'title = "tank"', "xyzzy = 1", "tank.toml:2:1", "allowed: schema, title, start, extensions, seed, world"),
     "misspelt key": Case("tank", "", "[world]\nrate_hs = 100", "tank.toml:11:1: world", '(did you mean "rate_hz"?)'),
     "key in capitals": Case("tank", "", "[server]\nNAME = 'x'", "tank.toml:11:1: server", '(did you mean "name"?)'),
     "inline table": Case("tank", "", "[world]\nclock = {mode = 'freerun', sped = 2}", "tank.toml:11:28: world.clock", '(did you mean "speed"?)'),

@@ -206,7 +206,7 @@ def test_a_component_that_fails_while_it_runs_stops_the_simulation_with_its_plac
             "        if depth < 0.0:\n", "        if scope.t > 0.2:\n            1 / 0\n        if depth < 0.0:\n"
         )
     )
-    command = [sys.executable, "-m", "uwserver", "run", str(tank), "--mode", "freerun", "--until", "1.5"]
+    command = [sys.executable, "-m", "uwserver", "run", str(tank), "--port", "0", "--mode", "freerun", "--until", "1.5"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     line = path.read_text().splitlines().index("            1 / 0") + 1
     assert f"{path}:{line}: division by zero" in done.stderr

@@ -87,7 +87,8 @@ def test_a_vehicle_needs_body_water_and_damping_and_nothing_more(tree_of, report
     for key in bare:
         report.lines.clear()
         assert tree_of({k: v for k, v in bare.items() if k != key}, VehicleFile).value is None
-        assert report.lines == [f': missing key "{key}"']
+        (line,) = report.lines
+        assert line.startswith(f': missing key "{key}"')
 
 
 @pytest.mark.parametrize("schema", [0, 2, "1", True])
