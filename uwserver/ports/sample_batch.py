@@ -161,6 +161,8 @@ class SampleBatch(Sequence[Sample]):
         return self[len(self) - 1 - self.ports[::-1].index(port)]
 
 
+_SHOWN = 5
+"""Samples that are shown one by one at a prompt; of more, only how many there are."""
 _ALONE = 3
 """A sample that is made alone takes as long as so many that are made one after the other."""
 
@@ -235,4 +237,9 @@ class Samples(Sequence[Sample]):
     __hash__ = None  # type: ignore[assignment]  # as a list
 
     def __repr__(self) -> str:
-        return repr(self._all())
+        samples = self._all()
+        if len(samples) <= _SHOWN:
+            return repr(samples)
+        ports = len({sample.port for sample in samples})
+        times = [sample.t_ns / 1e9 for sample in samples]
+        return f"<{len(samples)} samples of {ports} sensors, measured from {min(times):.3f} to {max(times):.3f} s>"

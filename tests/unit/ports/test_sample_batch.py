@@ -158,3 +158,11 @@ def test_those_of_few_ports_alone_are_made(made):
     assert [*samples.of({"rov/imu"})] == [SAMPLES[0], SAMPLES[2], SAMPLES[0]]
     assert [*samples] == [*SAMPLES, SAMPLES[0]]
     assert [*samples.of({"rov/imu"})] == [SAMPLES[0], SAMPLES[2], SAMPLES[0]]
+
+
+def test_many_samples_are_counted_at_a_prompt():
+    samples = Samples()
+    samples.add([Sample(f"rov/{k % 2}", k, k * 10**9, k * 10**9, True, (1.0,)) for k in range(5)])
+    assert repr(samples).startswith("[Sample(")
+    samples.add([Sample("rov/imu", 9, 7_500_000_000, 7_500_000_000, True, (1.0,))])
+    assert repr(samples) == "<6 samples of 3 sensors, measured from 0.000 to 7.500 s>"

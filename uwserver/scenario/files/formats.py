@@ -21,7 +21,7 @@ else:
 
 Kind = Literal[
     "scenario", "vehicle", "device", "mapping", "mission", "plan", "waypoints", "recording", "log", "state", "oracle", "urdf", "xacro", "sdf",
-    "stonefish", "holoocean", "morse", "launch", "mujoco", "yaml", "xml", "json", "python", "mesh", "grid", "folder", "empty",
+    "stonefish", "holoocean", "morse", "launch", "mujoco", "yaml", "xml", "json", "python", "mesh", "collada", "grid", "folder", "empty",
 ]  # fmt: skip
 
 
@@ -60,6 +60,7 @@ FORMATS: Mapping[Kind, Format] = {
     "json": Format("a JSON file, which uwserver does not know", _FROM_NOTHING),
     "python": Format("a Python program", "`python FILE` runs it; if it adds kinds of component, name it in a scenario by extensions"),
     "mesh": Format("a mesh", "`uwserver new --vehicle NAME --mesh FILE` writes a vehicle file with this hull"),
+    "collada": Format("a mesh in COLLADA, which uwserver does not read", "convert it to .glb, .obj or .stl first, as Blender and MeshLab do"),
     "grid": Format("a grid", 'name it in a scenario as a seabed: kind = "grid", file = "FILE"'),
     "folder": Format("a folder", "name a file in it"),
     "empty": Format("an empty file", "there is nothing in it"),
@@ -81,14 +82,15 @@ _MARKS: Mapping[Kind, frozenset[str]] = {
 """Keys at the top that only one kind of TOML file has."""
 _BY_ENDING: Mapping[str, Kind] = {
     **dict.fromkeys((".yaml", ".yml"), "yaml"),
-    **dict.fromkeys((".stl", ".obj", ".ply", ".glb", ".gltf", ".dae"), "mesh"),
+    **dict.fromkeys((".stl", ".obj", ".ply", ".glb", ".gltf"), "mesh"),
+    ".dae": "collada",
     **dict.fromkeys((".npy", ".nc", ".nc4"), "grid"),
     ".py": "python",
     ".xacro": "xacro",
 }  # fmt: skip
 _ROOT = re.compile(r"<(?![?!])([\w.:-]+)([^>]*)")
 _BY_ROOT: Mapping[str, Kind] = {
-    "robot": "urdf", "sdf": "sdf", "gazebo": "sdf", "scenario": "stonefish", "launch": "launch", "mujoco": "mujoco", "COLLADA": "mesh",
+    "robot": "urdf", "sdf": "sdf", "gazebo": "sdf", "scenario": "stonefish", "launch": "launch", "mujoco": "mujoco", "COLLADA": "collada",
 }  # fmt: skip
 
 
