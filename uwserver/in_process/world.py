@@ -72,7 +72,7 @@ class World:
         self._is_closed = False
         self._hosted: Hosted | None = None
         self._page: Serving | None = None
-        self._held: AbstractContextManager[object] = nullcontext()
+        self._in_use: AbstractContextManager[object] = nullcontext()
         self._begin(build(resolved, seed))
         self._vehicles = Vehicles(lambda: self._core)
 
@@ -123,7 +123,7 @@ class World:
 
     @property
     def water(self) -> Water:
-        """The sea water: ``velocity(p_N, t_s)`` of currents and waves, m/s in N; ``elevation``, ``pressure``, and the ``column`` of salinity,
+        """The sea water: ``velocity(p, t)`` of currents and waves, m/s in N; ``elevation``, ``pressure``, and the ``column`` of salinity,
         temperature and sound speed."""
         return self._core.water
 
@@ -229,7 +229,7 @@ class World:
         if self._is_closed:
             raise Refused("shutdown", "the world is closed: load it again")
         core = self._core
-        with self._held:
+        with self._in_use:
             if seed is not None and checked_whole("seed", seed) != core.seed:
                 self._begin(build(self._resolved, seed, like=core))
                 core.end("the world was reset with another seed")
@@ -265,7 +265,7 @@ class World:
         Raises:
             Refused: no such port, or it is an actuator, which gives no samples.
         """
-        with self._held:
+        with self._in_use:
             return self._core.read(port)
 
     def command(self, port: str, **value: object) -> None:
@@ -288,7 +288,7 @@ class World:
         Raises:
             Refused: unknown service or argument, wrong type, out of range, or refused by the service.
         """
-        with self._held:
+        with self._in_use:
             result = self._core.call(service, **args)
         if self._core.jumps != self._jumps:
             self._begin_anew()
@@ -324,7 +324,7 @@ class World:
         Raises:
             Refused: it is larger than 16 MiB.
         """
-        with self._held:
+        with self._in_use:
             return snapshot.to_bytes(self._core, snapshot.take(self._core))
 
     def load(self, state: bytes) -> None:
@@ -333,7 +333,7 @@ class World:
         Raises:
             Refused: it is of another scenario, seed or version, or is damaged; nothing has changed.
         """
-        with self._held:
+        with self._in_use:
             snapshot.from_bytes(self._core, bytes(state))
         self._core.say("reset", f"the world is at a saved state of tick {self._core.tick}")
         self._begin_anew()
@@ -466,7 +466,7 @@ class World:
         timing = hosting_time(self._resolved, speed, is_whole)
         if self._hosted is None or self._hosted.is_over:
             hosted = self._hosted = Hosted(self._resolved, self._core, timing)
-            self._held = hosted.stepped.held
+            self._in_use = hosted.stepped.in_use
             weakref.finalize(self, hosted.shutdown, "the program dropped the world").atexit = False
         elif speed is not None or timing.mode == "lockstep":
             self._hosted.stepped.keep_time(timing)

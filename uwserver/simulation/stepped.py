@@ -60,14 +60,14 @@ class Stepped(Simulation):
     does something else (`attend`).
 
     Attributes:
-        held: locked by the thread that uses the world.
+        in_use: locked by the thread that uses the world.
     """
 
     def __init__(self, world: World, timing: Timing, time: Time, outlet: Outlet, mailbox: Mailbox) -> None:
         """Prepare to step a world; nothing runs yet. Loop thread."""
         super().__init__(world, timing, time, outlet, mailbox)
         self.readers = Readers(world, outlet, self._steering, makes_all=True)
-        self.held = threading.RLock()
+        self.in_use = threading.RLock()
         self._outlet = outlet
         self._diverged: Diverged | None = None
 
@@ -87,7 +87,7 @@ class Stepped(Simulation):
         """
         left, samples, jumps = checked_ticks(n), Samples(), self.world.jumps
         while left > 0:
-            with self.held:
+            with self.in_use:
                 outputs = self._quick_ticks(left) if self._is_quiet else self._ticks(left)
             if outputs is None:
                 samples.join(self.world.step(left, events))
@@ -145,7 +145,7 @@ class Stepped(Simulation):
 
     def sync(self) -> list[TickOutput]:
         """Do what clients have asked for, without a tick, and return what that gives."""
-        with self.held:
+        with self.in_use:
             self._follow_jump()
             if not self._stop.is_set():
                 self._steer()
@@ -155,7 +155,7 @@ class Stepped(Simulation):
 
     def take_events(self) -> list[Event]:
         """Return the events that no tick has given yet, as `World.take_events`, and tell clients of them."""
-        with self.held:
+        with self.in_use:
             events = self.world.take_events()
             self._follow_jump()
             if events and not self._stop.is_set():
@@ -166,7 +166,7 @@ class Stepped(Simulation):
 
     def keep_time(self, timing: Timing) -> None:
         """Let ticks follow wall time in another way from now on."""
-        with self.held:
+        with self.in_use:
             self.timing = timing
             self.pace.speed = timing.pace or timing.speed
             self.pace.release()
@@ -192,22 +192,22 @@ class Stepped(Simulation):
         """Serve readers if the program does something else at present, and hand over what waits for the loop. Loop thread."""
         if self._stop.is_set():
             return
-        if len(self._steering) and self.held.acquire(blocking=False):
+        if len(self._steering) and self.in_use.acquire(blocking=False):
             try:
                 self._steer()
             finally:
-                self.held.release()
+                self.in_use.release()
         self.bus.flush()
 
     def give_up(self, refused: Refused) -> bool:
         """Refuse all requests that still wait, after `stop`. Loop thread. Returns whether that was possible now: it is not while the
         program's thread uses the world."""
-        if not self.held.acquire(blocking=False):
+        if not self.in_use.acquire(blocking=False):
             return False
         try:
             self._refuse_waiting(refused)
         finally:
-            self.held.release()
+            self.in_use.release()
         return True
 
     def _steer(self) -> None:
